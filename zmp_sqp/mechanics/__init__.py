@@ -1,0 +1,1 @@
+"""From a URDF to the ground reaction wrench and the zero moment point, with derivatives. Knows no optimisation."""

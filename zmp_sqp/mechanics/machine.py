@@ -1,0 +1,110 @@
+"""The machine: a Pinocchio model on a free-flyer root, with its limits and its support polygon."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from zmp_sqp.arrays import Array, Indices
+from zmp_sqp.errors import MachineError
+from zmp_sqp.mechanics.limits import JointLimits
+from zmp_sqp.mechanics.payload import Payload
+from zmp_sqp.mechanics.support import SupportPolygon
+
+__all__ = ["Machine"]
+
+GRAVITY = 9.81  # [m/s^2], the paper's constant
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Machine:
+    """A machine that stands on the ground: n planned joints on an undercarriage.
+
+    The model hangs on a free-flyer root, so that the undercarriage's mass counts (Pinocchio leaves the root
+    link's mass out of a fixed-base model) and so that the first six rows of its inverse dynamics are the ground
+    reaction wrench. Its own gravity is zero: gravity enters as an acceleration of the root.
+
+    Attributes:
+        name: The robot's name in the URDF.
+        model: Pinocchio model; do not change it in place.
+        joint_names: The n planned joints, in the order of the URDF file.
+        limits: Position, velocity, acceleration and effort limits, each of shape (n,).
+        support: Support polygon in the root frame, or None if the URDF shows none.
+        index_q: Where each joint's coordinate stands in Pinocchio's q, shape (n,).
+        index_v: Where each joint's rate stands in Pinocchio's v, shape (n,).
+        continuous: Which joints are continuous: Pinocchio keeps (cos, sin) of those, shape (n,).
+    """
+
+    name: str
+    model: Any = field(repr=False)
+    joint_names: tuple[str, ...]
+    limits: JointLimits
+    support: SupportPolygon | None
+    index_q: Indices = field(repr=False)
+    index_v: Indices = field(repr=False)
+    continuous: tuple[bool, ...] = field(repr=False)
+
+    @property
+    def size(self) -> int:
+        """Number n of planned joints."""
+        return len(self.joint_names)
+
+    @property
+    def mass(self) -> float:
+        """Total mass, undercarriage and payload included [kg]."""
+        return float(sum(inertia.mass for inertia in self.model.inertias))
+
+    def configuration(self, q: Array) -> Array:
+        """Pinocchio's configurations of joint angles, the root at the identity.
+
+        Args:
+            q: Joint coordinates, shape (K, n) [rad or m].
+
+        Returns:
+            Shape (K, nq).
+        """
+        full = np.zeros((q.shape[0], self.model.nq))
+        full[:, 6] = 1.0  # unit quaternion (0, 0, 0, 1) of the root
+        full[:, self.index_q] = q
+        for column, at in zip(np.flatnonzero(self.continuous), self.index_q[list(self.continuous)], strict=True):
+            full[:, at], full[:, at + 1] = np.cos(q[:, column]), np.sin(q[:, column])
+        return full
+
+    def with_payload(self, payload: Payload) -> Machine:
+        """The same machine with a payload fixed to one of its frames.
+
+        Raises:
+            MachineError: Unknown frame; the message lists the frames there are.
+        """
+        return replace(self, model=payload.attached_to(self.model))
+
+    def with_limits(self, *, velocity: Any = None, acceleration: Any = None) -> Machine:
+        """The same machine with other velocity or acceleration limits; None keeps what it has.
+
+        Args:
+            velocity: Scalar, shape (n,), or a mapping from joint names to numbers [rad/s or m/s].
+            acceleration: Likewise [rad/s^2 or m/s^2].
+
+        Raises:
+            MachineError: Wrong shape, unknown joint, or a limit that is not positive.
+        """
+        given = {"velocity": velocity, "acceleration": acceleration}
+        changes: Mapping[str, Any] = {key: value for key, value in given.items() if value is not None}
+        return replace(self, limits=self.limits.updated(changes, self.joint_names))
+
+    def with_support(self, support: SupportPolygon) -> Machine:
+        """The same machine on another support polygon."""
+        if not isinstance(support, SupportPolygon):
+            raise MachineError(f"support must be a SupportPolygon, not {type(support).__name__}")
+        return replace(self, support=support)
+
+    def with_point_masses(self) -> Machine:
+        """The same masses and centres of mass without rotational inertia: the model of Song & Sharf 2020, eq. (5)."""
+        model = self.model.copy()
+        for index, inertia in enumerate(model.inertias):
+            model.inertias[index] = pin.Inertia(inertia.mass, inertia.lever, np.zeros((3, 3)))
+        return replace(self, model=model)
