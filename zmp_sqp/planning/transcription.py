@@ -1,0 +1,218 @@
+"""The optimal control problem as a nonlinear program: multiple shooting in normalised time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sp
+
+from zmp_sqp.arrays import Array
+from zmp_sqp.planning.layout import Layout
+from zmp_sqp.planning.model import StageModel, wrench_curvature
+from zmp_sqp.sqp.nlp import Basis, Evaluation, Linearization
+
+__all__ = ["Boundary", "PathBounds", "Transcription"]
+
+REGULARIZATION = 1e-2  # weight of the mean squared scaled acceleration: picks one of many fastest motions
+LEAST_NORMAL_FORCE = 0.05  # of the weight: below it the tracks are as good as in the air
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Boundary:
+    """Coordinates q and rates v at the start or the goal, shape (n,) each [rad or m, per second]."""
+
+    q: Array
+    v: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PathBounds:
+    """What holds along the way.
+
+    Attributes:
+        position_lower, position_upper, velocity, acceleration: Of the coordinates, shape (n,).
+        wrench_rows: C with C (f, tau) <= 0 for a ZMP inside its polygon, shape (E, 6) [m per N].
+        weight: Total mass times gravity, which scales the rows [N].
+        least_duration: Proven lower bound of the duration [s].
+    """
+
+    position_lower: Array
+    position_upper: Array
+    velocity: Array
+    acceleration: Array
+    wrench_rows: Array
+    weight: float
+    least_duration: float
+
+
+class Transcription:
+    r"""Nonlinear program over x = (q_0..q_N, w_0..w_N, alpha_0..alpha_{N-1}, sigma).
+
+    .. math::
+        \min \sigma + \tfrac{\epsilon}{2 N n} \sum |\alpha_k|^2, \quad
+        q_{k+1} = q_k + h w_k + \tfrac{h^2}{2} \alpha_k, \; w_{k+1} = w_k + h \alpha_k, \quad
+        |w_k| \le v \sqrt{S}, \; |\alpha_k| \le a S
+
+    with h = 1/N, S = T^2 = sigma S_ref, boundary rates v_0 sqrt(S) and v_f sqrt(S). The joint chain does not contain T.
+
+    Rows of the wrench (an edge of the polygon, or the least normal force) hold at both ends of every interval, because
+    the acceleration jumps at the nodes, and carry the bulge of a parabola through both ends and the middle, so that
+    the middle holds too. Positions hold at the nodes and at the middle control point q_k + h w_k / 2 of each interval's
+    parabola: by its convex hull, everywhere. All variables are scaled to order one.
+
+    Sparsity of a wrench row of interval k, start: columns q_k, w_k, alpha_k, sigma; end: q_{k+1}, w_{k+1}, alpha_k, sigma.
+    """
+
+    def __init__(
+        self, model: StageModel, start: Boundary, goal: Boundary, bounds: PathBounds, *, intervals: int, reference: float
+    ) -> None:
+        """Transcribe; `reference` is the duration of the initial guess, which scales time [s]."""
+        self.model, self.start, self.goal, self.bounds = model, start, goal, bounds
+        self.N, self.n, self.reference = intervals, model.size, reference
+        S = reference**2
+        reach = np.maximum(np.abs(goal.q - start.q), 1.0)
+        self.rate_scale = np.minimum(bounds.velocity * reference, 5.0 * reach)
+        self.acceleration_scale = np.minimum(bounds.acceleration * S, 10.0 * reach)
+        least = np.zeros((1, 6))
+        least[0, 2] = -1.0
+        # [m] once divided by the weight; the normal-force row has the force's share of the weight as its "metre"
+        self._rows = np.vstack([bounds.wrench_rows, least]) / (bounds.weight * S)
+        self._row_offset = np.zeros(len(self._rows))
+        self._row_offset[-1] = LEAST_NORMAL_FORCE
+        self.layout = Layout(intervals, self.n, len(self._rows))
+        self._linear = self.layout.joint_rows(
+            rate_share=bounds.velocity * reference / self.rate_scale,
+            acceleration_share=bounds.acceleration * S / self.acceleration_scale,
+            half_step=0.5 * self.rate_scale / intervals,
+        )
+        self._gaps = self.layout.gap_rows(self.rate_scale, self.acceleration_scale)
+        self._basis_Z = self.layout.basis(self.rate_scale, self.acceleration_scale)
+        self._start_rate, self._goal_rate = (side.v * reference / self.rate_scale for side in (start, goal))
+        self._stage_scale = np.concatenate([np.ones(self.n), self.rate_scale, self.acceleration_scale, [S]])
+        self._sigma_min = (bounds.least_duration / reference) ** 2
+        self.nonlinear_rows: npt.NDArray[np.bool_] = np.arange(self.layout.inequalities) < self.layout.wrench_rows
+
+    # --- points -------------------------------------------------------------------------------
+
+    def pack(self, alpha: Array, S: float) -> Array:
+        """Point with accelerations T^2 a (N, n) and squared duration S [s^2] whose shooting gaps are closed."""
+        layout, sigma = self.layout, S / self.reference**2
+        w = self._start_rate * np.sqrt(sigma) * self.rate_scale + np.vstack([np.zeros(self.n), np.cumsum(alpha, axis=0)]) / self.N
+        moved = (w[:-1] + 0.5 * alpha / self.N) / self.N
+        q = self.start.q + np.vstack([np.zeros(self.n), np.cumsum(moved, axis=0)])
+        return layout.join(q, w / self.rate_scale, alpha / self.acceleration_scale, sigma)
+
+    def unpack(self, x: Array) -> tuple[Array, Array, Array, float]:
+        """Unscaled (q, w, alpha, S), shapes (N+1, n), (N+1, n), (N, n), scalar [rad, s^2]."""
+        q, w, alpha, sigma = self.layout.split(x)
+        return q, w * self.rate_scale, alpha * self.acceleration_scale, sigma * self.reference**2
+
+    # --- the nonlinear program ----------------------------------------------------------------
+
+    def evaluate(self, x: Array) -> Evaluation:
+        """Values at x."""
+        ends = self._ends(x)
+        wrench = self.model.wrench(*ends)
+        return self._evaluation(x, wrench)
+
+    def linearize(self, x: Array) -> Linearization:
+        """Values and first derivatives at x; the bulge of the wrench rows counts as constant (it is of order h^2)."""
+        *states, S = self._ends(x)
+        wrench, slopes = self.model.wrench_derivatives(*states, S)
+        slopes = (self._rows @ slopes) * self._stage_scale  # (2N, E, 3n + 1)
+        slopes[:, :, -1] += self._row_offset
+        sigma = x[-1]
+        C = self.layout.fill_inequalities(slopes, self._linear, 0.5 / np.sqrt(sigma))
+        boundary = 0.5 / np.sqrt(sigma)
+        A = self.layout.fill_equalities(self._gaps, -boundary * self._start_rate, -boundary * self._goal_rate)
+        gradient = np.zeros(self.layout.size)
+        gradient[-1] = 1.0
+        alpha = self.layout.accelerations
+        gradient[alpha] = REGULARIZATION / (self.N * self.n) * x[alpha]
+        at = self._evaluation(x, wrench)
+        return Linearization(at, gradient, A, C, self._basis(at.equalities, boundary))
+
+    def hessian(self, x: Array, y: Array, z: Array, *, convex: bool) -> sp.csr_array:
+        """Hessian of the Lagrangian: the small weight on accelerations, the square roots, the wrench's curvature."""
+        layout, sigma = self.layout, x[-1]
+        diagonal = np.zeros(layout.size)
+        diagonal[layout.accelerations] = REGULARIZATION / (self.N * self.n)
+        roots = z[layout.rate_rows].reshape(2, -1, self.n).sum(axis=(0, 1)) @ layout.rate_share(self._linear)
+        roots += y[self.n :] @ self._goal_rate if len(y) else 0.0
+        diagonal[-1] = 0.25 * roots / sigma**1.5
+        if convex:
+            diagonal[-1] = max(diagonal[-1], 0.0)
+        weights = z[self.nonlinear_rows].reshape(2 * self.N, -1)
+        active = np.flatnonzero(weights.max(axis=1) > 0.0)
+        if not len(active):
+            return sp.csr_array(sp.diags_array(diagonal))
+        *states, S = self._ends(x)
+        blocks = wrench_curvature(self.model, *(part[active] for part in states), S, weights[active] @ self._rows)
+        blocks *= self._stage_scale[:, None] * self._stage_scale
+        if convex:
+            values, vectors = np.linalg.eigh(blocks)
+            blocks = (vectors * np.maximum(values, 0.0)[:, None, :]) @ vectors.transpose(0, 2, 1)
+        return layout.hessian(diagonal, blocks, active)
+
+    def optimality_gap(self, x: Array) -> float:
+        """How far sigma stands above its proven lower bound, relative."""
+        return float(x[-1] / self._sigma_min - 1.0) if self._sigma_min > 0.0 else np.inf
+
+    # --- parts --------------------------------------------------------------------------------
+
+    def _ends(self, x: Array) -> tuple[Array, Array, Array, float]:
+        """States at the starts, then at the ends of all intervals, (2N, n) each, and S."""
+        q, w, alpha, S = self.unpack(x)
+        return np.vstack([q[:-1], q[1:]]), np.vstack([w[:-1], w[1:]]), np.vstack([alpha, alpha]), S
+
+    def _bulge(self, x: Array, rows: Array) -> Array:
+        """What a parabola through start, middle and end of an interval rises above its chord, (N, E), not negative."""
+        q, w, alpha, S = self.unpack(x)
+        half = 0.5 / self.N
+        middle = self.model.wrench(q[:-1] + half * w[:-1] + 0.5 * half**2 * alpha, w[:-1] + half * alpha, alpha, S)
+        chord = 0.5 * (rows[: self.N] + rows[self.N :])
+        return np.maximum(middle @ self._rows.T + x[-1] * self._row_offset - chord, 0.0)
+
+    def _evaluation(self, x: Array, wrench: Array) -> Evaluation:
+        layout, bounds = self.layout, self.bounds
+        q, w, alpha, sigma = layout.split(x)
+        root = np.sqrt(sigma) if sigma > 0.0 else np.nan
+        rows = wrench @ self._rows.T + sigma * self._row_offset
+        rows = rows + np.tile(self._bulge(x, rows), (2, 1))
+        limit = self._linear.acceleration_share * sigma
+        rate = self._linear.rate_share * root
+        middle = q[:-1] + self._linear.half_step * w[:-1]
+        inequalities = [
+            rows, alpha - limit, -alpha - limit, w - rate, -w - rate, q - bounds.position_upper, bounds.position_lower - q,
+            middle - bounds.position_upper, bounds.position_lower - middle, self._sigma_min - sigma,
+        ]  # fmt: skip
+        gap_q = q[1:] - q[:-1] - (self.rate_scale * w[:-1] + 0.5 / self.N * self.acceleration_scale * alpha) / self.N
+        gap_w = w[1:] - w[:-1] - self.acceleration_scale / self.rate_scale * alpha / self.N
+        equalities = [
+            q[0] - self.start.q, w[0] - root * self._start_rate, gap_q, gap_w, q[-1] - self.goal.q, w[-1] - root * self._goal_rate
+        ]  # fmt: skip
+        objective = sigma + 0.5 * REGULARIZATION / (self.N * self.n) * float(np.sum(alpha**2))
+        return Evaluation(float(objective), _flat(equalities), _flat(inequalities))
+
+    def _basis(self, equalities: Array, boundary: float) -> Basis:
+        layout, n, N = self.layout, self.n, self.N
+        Z = self._basis_Z
+        if self._start_rate.any():
+            Z = Z.copy()
+            Z[layout.rates, -1] = np.tile(boundary * self._start_rate, N + 1)
+            Z[layout.positions, -1] = np.outer(np.arange(N + 1) / N, self.rate_scale * boundary * self._start_rate).ravel()
+        gaps = equalities[: layout.eliminated]
+        d = np.zeros(layout.size)
+        if np.abs(gaps).max() > 0.0:
+            first_w, gap_w = gaps[n : 2 * n], gaps[2 * n + N * n :].reshape(N, n)
+            dw = -(first_w + np.vstack([np.zeros(n), np.cumsum(gap_w, axis=0)]))
+            moved = self.rate_scale * dw[:-1] / N - gaps[2 * n : 2 * n + N * n].reshape(N, n)
+            d[layout.positions] = (np.vstack([np.zeros(n), np.cumsum(moved, axis=0)]) - gaps[:n]).ravel()
+            d[layout.rates] = dw.ravel()
+        return Basis(Z, d, layout.free, layout.eliminated)
+
+
+def _flat(parts: list[Array]) -> Array:
+    return np.concatenate([np.ravel(part) for part in parts])

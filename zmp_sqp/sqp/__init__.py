@@ -1,0 +1,1 @@
+"""Sequential quadratic programming for nonlinear programs with stages. Knows no robot."""

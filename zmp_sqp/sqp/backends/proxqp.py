@@ -1,0 +1,48 @@
+"""ProxQP (ProxSuite), the default backend, on dense condensed QPs."""
+
+from __future__ import annotations
+
+import numpy as np
+import proxsuite
+
+from zmp_sqp.arrays import Array
+from zmp_sqp.sqp.qp import QP, QPSolution
+
+__all__ = ["ProxQP"]
+
+EPS_ABS = 1e-9  # below the SQP's feasibility tolerance
+EPS_INFEASIBILITY = 1e-12  # the default 1e-4 calls feasible QPs of ours infeasible after 2 iterations
+MAX_ITER = 150  # outer iterations; solved QPs of ours need 7-60 in total
+MAX_ITER_IN = 60  # inner iterations; uncapped, one QP ran for 290 s
+NO_BOUND = 1e20  # what ProxQP takes for infinity
+
+
+class ProxQP:
+    """Dense ProxQP with its traps disarmed: own tolerances, both iteration caps, no preconditioner (we scale ourselves)."""
+
+    name = "proxqp"
+    wants_sparse = False
+
+    def solve(self, qp: QP) -> QPSolution:
+        """Solution by the proximal augmented Lagrangian method of Bambade et al. 2022."""
+        H, A, C = (_dense(matrix) for matrix in (qp.H, qp.A, qp.C))
+        dense = proxsuite.proxqp.dense
+        diagonal = np.count_nonzero(H) == np.count_nonzero(H.diagonal())
+        kind = dense.HessianType.Diagonal if diagonal else dense.HessianType.Dense
+        solver = dense.QP(qp.size, len(qp.b), len(qp.u), False, kind, dense.DenseBackend.PrimalDualLDLT)
+        settings = solver.settings
+        settings.eps_abs, settings.eps_rel = EPS_ABS, 0.0
+        settings.eps_primal_inf = settings.eps_dual_inf = EPS_INFEASIBILITY
+        settings.max_iter, settings.max_iter_in = MAX_ITER, MAX_ITER_IN
+        settings.initial_guess = proxsuite.proxqp.InitialGuess.NO_INITIAL_GUESS
+        lower, upper = np.maximum(qp.l, -NO_BOUND), np.minimum(qp.u, NO_BOUND)
+        solver.init(H, qp.g, A, qp.b, C, lower, upper, False)
+        solver.solve()
+        results = solver.results
+        solved = results.info.status == proxsuite.proxqp.QPSolverOutput.PROXQP_SOLVED
+        x, y, z = (np.array(part) for part in (results.x, results.y, results.z))
+        return QPSolution(x, y, z, solved, int(results.info.iter), self.name)
+
+
+def _dense(matrix: Array) -> Array:
+    return np.ascontiguousarray(matrix if isinstance(matrix, np.ndarray) else matrix.toarray())

@@ -1,0 +1,221 @@
+"""The SQP: line search on an exact penalty, second-order correction, relaxation, convexified exact curvature."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from zmp_sqp.arrays import Array
+from zmp_sqp.sqp.backends import QPBackend
+from zmp_sqp.sqp.curvature import convexified
+from zmp_sqp.sqp.merit import Merit
+from zmp_sqp.sqp.nlp import Evaluation, Linearization, NonlinearProgram
+from zmp_sqp.sqp.result import IterationRecord, SQPResult, SQPStatus
+from zmp_sqp.sqp.subproblem import Mask, Step, Subproblem
+
+__all__ = ["SQP", "SQPSettings"]
+
+ARMIJO_SLOPE = 1e-4  # Nocedal & Wright 2006, eq. (3.4)
+SHORTEST_STEP = 1e-3
+RELAXATION_GROWTH = 10.0  # of rho, when the relaxed QP keeps a slack
+LARGEST_RELAXATION = 1e5
+ROUNDING = 1e-11  # of the merit function, relative: differences below it are noise
+
+
+@dataclass(frozen=True, slots=True)
+class SQPSettings:
+    """When to stop and what to spend.
+
+    Attributes:
+        feasibility: Largest constraint violation of a solution.
+        optimality: Largest predicted decrease of the objective at a solution, and largest Lagrangian gradient (1-norm).
+        max_iterations: QPs at most.
+        curvature_from: Least sum of multipliers of nonlinear rows for which their curvature is computed.
+        floor: Least eigenvalue of the convexified Hessian.
+        deadline: `time.perf_counter()` value after which no new iteration starts; None for none.
+    """
+
+    feasibility: float = 1e-8
+    optimality: float = 2e-7
+    max_iterations: int = 100
+    curvature_from: float = 1e-4
+    floor: float = 1e-8
+    deadline: float | None = None
+
+
+@dataclass(slots=True)
+class SQP:
+    r"""Sequential quadratic programming with a line search.
+
+    Each iteration solves the QP of the linearised constraints and a convex model of the Lagrangian, then backtracks on
+    an exact penalty function (`Merit`) until Armijo's condition holds.
+
+    * Globalisation: weights above the multipliers' dual norms make the QP step a descent direction of the penalty, so
+      limit points are Karush-Kuhn-Tucker points or stationary points of the violation (Han 1977; Nocedal & Wright
+      2006, chapter 18).
+    * Second-order correction: a full step that is refused while it raises the violation is corrected once with the
+      constraints' values at its end, which undoes the Maratos effect.
+    * Curvature: the exact Hessian of the Lagrangian, convexified in the null space of the active rows (`convexified`),
+      computed only where multipliers of nonlinear rows make it count.
+    * A QP without solution is solved again with a slack on its nonlinear rows; if the slack stays although its price
+      has grown by orders of magnitude, the point is a stationary point of the violation: INFEASIBLE.
+    * A step that is refused to its shortest length is tried once more without curvature, then the run ends.
+    * It stops at a feasible point when the objective stands at its proven bound, when the Lagrangian's gradient and the
+      complementarity products vanish, or when the QP predicts no decrease; never because steps are short: minimum time
+      leaves joints with slack undetermined.
+    """
+
+    backend: QPBackend
+    fallback: QPBackend | None = None
+    settings: SQPSettings = field(default_factory=SQPSettings)
+    report: Callable[[IterationRecord], None] | None = None
+
+    def minimize(self, nlp: NonlinearProgram, x: Array) -> SQPResult:
+        """Local minimiser of the program from an initial guess that need not be feasible.
+
+        Args:
+            nlp: The program.
+            x: Initial guess, shape (n,).
+
+        Returns:
+            Last iterate; `status.is_feasible` says whether it satisfies the constraints.
+        """
+        started = time.perf_counter()
+        settings, history = self.settings, list[IterationRecord]()
+        lin = nlp.linearize(x)
+        nonlinear = nlp.nonlinear_rows
+        merit = Merit(nonlinear)
+        y, z = np.zeros(len(lin.at.equalities)), np.zeros(len(lin.at.inequalities))
+        if lin.basis is not None:
+            y = y[lin.basis.eliminated :]
+        if not lin.at.is_finite():
+            return SQPResult(x, y, z, SQPStatus.NOT_FINITE, lin.at, ())
+
+        def finish(status: SQPStatus) -> SQPResult:
+            feasible = lin.at.violation <= settings.feasibility
+            if feasible and not status.is_feasible:
+                status = SQPStatus.FEASIBLE
+            return SQPResult(x, y, z, status, lin.at, tuple(history))
+
+        while True:
+            if lin.at.violation <= settings.feasibility:
+                if nlp.optimality_gap(x) <= settings.optimality:
+                    return finish(SQPStatus.BOUND_REACHED)
+                if history and _kkt_error(lin, y, z) <= settings.optimality:
+                    return finish(SQPStatus.OPTIMAL)
+            if len(history) >= settings.max_iterations:
+                return finish(SQPStatus.ITERATION_LIMIT)
+            if settings.deadline is not None and time.perf_counter() > settings.deadline:
+                return finish(SQPStatus.TIME_LIMIT)
+            subproblem = Subproblem(lin, nonlinear, self.backend, self.fallback)
+            accepted = None
+            for curvature in (True, False) if z[nonlinear].sum() > settings.curvature_from else (False,):
+                H = self._hessian(nlp, x, y, z, subproblem, curvature=curvature)
+                step = self._step(subproblem, H, z > 0.0, merit)
+                if not step.solved:
+                    continue
+                if self._is_stationary(lin, step, merit):
+                    y, z = step.y, step.z
+                    infeasible = lin.at.violation > settings.feasibility
+                    return finish(SQPStatus.INFEASIBLE if infeasible else SQPStatus.OPTIMAL)
+                accepted = self._search(nlp, x, lin, step, merit, subproblem, H)
+                if accepted is not None:
+                    break
+            if accepted is None:
+                return finish(SQPStatus.STALLED if step.solved else SQPStatus.QP_FAILED)
+            x, lin, length, corrected = accepted
+            y, z = step.y, step.z
+            record = IterationRecord(
+                iteration=len(history) + 1, backend=step.backend, inner_iterations=step.inner_iterations, rows=step.rows,
+                relaxed=step.relaxation > settings.feasibility, curvature=curvature, corrected=corrected,
+                objective=lin.at.objective, violation=lin.at.violation, step=length, time=time.perf_counter() - started,
+            )  # fmt: skip
+            history.append(record)
+            if self.report is not None:
+                self.report(record)
+
+    def _hessian(
+        self, nlp: NonlinearProgram, x: Array, y: Array, z: Array, subproblem: Subproblem, *, curvature: bool
+    ) -> Array:
+        """Convex model: of the objective alone, or with the constraints' curvature."""
+        weight = 1.0 if curvature else 0.0
+        H = nlp.hessian(x, weight * y, weight * z, convex=subproblem.is_sparse)
+        if subproblem.is_sparse:
+            return H  # type: ignore[no-any-return]
+        condensed = subproblem.condensed_hessian(H)
+        if not curvature:
+            return condensed + self.settings.floor * np.eye(len(condensed))
+        return convexified(condensed, subproblem.active_rows(z), floor=self.settings.floor)
+
+    def _step(self, subproblem: Subproblem, H: Array, previous: Mask, merit: Merit) -> Step:
+        """Step of the QP, relaxed if it has no solution, with the penalty weights raised to its multipliers."""
+        step = subproblem.solve(H, previous=previous)
+        if step.solved:
+            merit.raise_weights(step)
+            return step
+        rho = max(RELAXATION_GROWTH * merit.nu, 10.0)
+        while True:
+            step = subproblem.solve(H, previous=previous, relaxation_weight=rho)
+            if not step.solved or step.relaxation <= self.settings.feasibility or rho >= LARGEST_RELAXATION:
+                break
+            current = float(np.maximum(subproblem.lin.at.inequalities[merit.nonlinear], 0.0).max(initial=0.0))
+            if step.relaxation <= 0.9 * current:  # it makes progress at this price
+                break
+            rho *= RELAXATION_GROWTH
+        if step.solved:
+            merit.raise_weights(step)
+            merit.nu = max(merit.nu, rho if step.relaxation > self.settings.feasibility else merit.nu)
+        return step
+
+    def _is_stationary(self, lin: Linearization, step: Step, merit: Merit) -> bool:
+        decrease = merit.predicted_decrease(lin, step.dx)
+        if lin.at.violation <= self.settings.feasibility:
+            return decrease <= self.settings.optimality
+        return step.relaxation > self.settings.feasibility and decrease <= merit.nu * self.settings.feasibility
+
+    def _search(
+        self, nlp: NonlinearProgram, x: Array, lin: Linearization, step: Step, merit: Merit,
+        subproblem: Subproblem, H: Array,
+    ) -> tuple[Array, Linearization, float, bool] | None:  # fmt: skip
+        """Point that satisfies Armijo's condition on the penalty function, with its linearisation."""
+        start = merit.value(lin.at)
+        slope = ARMIJO_SLOPE * max(merit.predicted_decrease(lin, step.dx), 0.0)
+        noise = ROUNDING * max(1.0, abs(start))
+        full = nlp.linearize(x + step.dx)  # nearly always accepted, so its derivatives are not wasted
+        if merit.value(full.at) <= start - slope + noise:
+            return x + step.dx, full, 1.0, False
+        if full.at.is_finite() and full.at.violation > lin.at.violation:
+            dx = self._corrected(lin, full.at, step, subproblem, H)
+            if dx is not None and merit.value(nlp.evaluate(x + dx)) <= start - slope + noise:
+                return x + dx, nlp.linearize(x + dx), 1.0, True
+        length = 0.5
+        while length >= SHORTEST_STEP:
+            candidate = x + length * step.dx
+            if merit.value(nlp.evaluate(candidate)) <= start - length * slope + noise:
+                return candidate, nlp.linearize(candidate), length, False
+            length *= 0.5
+        return None
+
+    def _corrected(
+        self, lin: Linearization, end: Evaluation, step: Step, subproblem: Subproblem, H: Array
+    ) -> Array | None:
+        """Step whose constraints carry the values found at the end of the refused one."""
+        shifted = Evaluation(lin.at.objective, end.equalities - lin.A @ step.dx, end.inequalities - lin.C @ step.dx)
+        again = Subproblem(
+            Linearization(shifted, lin.gradient, lin.A, lin.C, lin.basis), subproblem.nonlinear, self.backend, self.fallback
+        )
+        correction = again.solve(H, previous=step.z > 0.0)
+        return correction.dx if correction.solved else None
+
+
+def _kkt_error(lin: Linearization, y: Array, z: Array) -> float:
+    """Lagrangian gradient in the space of free variables (1-norm) and complementarity products (sum)."""
+    gradient = lin.gradient + lin.C.T @ z
+    eliminated = 0 if lin.basis is None else lin.basis.eliminated
+    gradient = gradient + lin.A[eliminated:].T @ y
+    if lin.basis is not None:
+        gradient = lin.basis.Z.T @ gradient
+    return float(np.abs(gradient).sum() + np.abs(z * lin.at.inequalities).sum())
