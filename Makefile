@@ -1,0 +1,40 @@
+PYTHON ?= python3
+BIN := .venv/bin
+export OMP_NUM_THREADS := 1
+export OPENBLAS_NUM_THREADS := 1
+
+.DEFAULT_GOAL := help
+.PHONY: help venv demo test check bench clean
+
+help:  ## this list
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-6s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+venv: .venv/.installed  ## virtual environment in .venv, with everything that demo, test, check and bench need
+
+.venv/.installed: pyproject.toml constraints.txt
+	@$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11))" || { \
+		echo "zmp_sqp needs Python 3.11 or newer; name one: make PYTHON=python3.12 $(MAKECMDGOALS)" >&2; exit 1; }
+	@$(PYTHON) -c "import ensurepip, venv" 2>/dev/null || { \
+		echo "$(PYTHON) cannot make virtual environments (no ensurepip): on Debian and Ubuntu, apt install python3-venv" >&2; exit 1; }
+	$(PYTHON) -m venv .venv
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev,plots,sim]"
+	@touch $@
+
+demo: venv  ## plan test 1 of the paper: table on the terminal, trajectory and figures in out/paper_1
+	$(BIN)/zmp-sqp plan paper_1 --out out/paper_1
+
+test: venv  ## the test suite, two workers with one thread each
+	$(BIN)/python -m pytest -n 2
+
+check: venv  ## linter, formatter, types
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy --strict zmp_sqp
+
+bench: venv  ## speed and robustness, printed as tables
+	$(BIN)/python -m benchmarks.speed
+	$(BIN)/python -m benchmarks.random_problems
+
+clean:  ## remove the virtual environment and everything made by these targets
+	rm -rf .venv out dist build .pytest_cache .hypothesis .mypy_cache .ruff_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +

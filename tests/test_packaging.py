@@ -1,0 +1,103 @@
+"""The house stands: imports run one way, the import is light, files stay small."""
+
+import ast
+import subprocess
+import sys
+from graphlib import TopologicalSorter
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "zmp_sqp"
+HEAVY = ("casadi", "matplotlib", "mujoco", "piqp", "proxsuite", "qpsolvers")
+
+
+def module_name(path: Path) -> str:
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
+
+
+MODULES = {module_name(path): path for path in sorted(PACKAGE.rglob("*.py"))}
+
+
+def imports(name: str) -> set[str]:
+    """Every module that `name` imports, also inside functions; of our own the file that is meant."""
+    path = MODULES[name]
+    package = name if path.name == "__init__.py" else name.rpartition(".")[0]
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            above = package.split(".")[: len(package.split(".")) + 1 - node.level] if node.level else []
+            source = ".".join([*above, *([node.module] if node.module else [])])
+            for alias in node.names:
+                submodule = f"{source}.{alias.name}"
+                found.add(submodule if submodule in MODULES else source)
+    return found - {name}
+
+
+def own(name: str) -> set[str]:
+    return {target for target in imports(name) if target in MODULES}
+
+
+def within(name: str, *packages: str) -> bool:
+    return any(name == package or name.startswith(f"{package}.") for package in packages)
+
+
+FOUNDATION = {name for name in MODULES if within(name, "zmp_sqp.arrays", "zmp_sqp.errors")}
+LAYERS = {  # what a half may import besides itself and the foundation
+    "zmp_sqp.mechanics": (),
+    "zmp_sqp.sqp": (),
+    "zmp_sqp.planning": ("zmp_sqp.mechanics", "zmp_sqp.sqp"),
+}
+
+
+@pytest.mark.parametrize("layer", LAYERS)
+def test_imports_run_one_way(layer):
+    allowed = (layer, *LAYERS[layer])
+    members = [name for name in MODULES if within(name, layer)]
+    wrong = {
+        f"{name} -> {target}" for name in members for target in own(name) - FOUNDATION if not within(target, *allowed)
+    }
+    assert members
+    assert not wrong
+
+
+def test_the_foundation_stands_on_itself_alone():
+    assert not {f"{name} -> {target}" for name in FOUNDATION for target in own(name) - FOUNDATION}
+
+
+def test_the_sqp_knows_no_robot():
+    outside = {f"{name} -> {target}" for name in MODULES if within(name, "zmp_sqp.sqp") for target in imports(name)}
+    assert not {
+        edge for edge in outside if edge.split(" -> ")[1].split(".")[0] in {"pinocchio", "pin", "mujoco", "yaml"}
+    }
+
+
+@pytest.mark.parametrize("leaf", ["zmp_sqp.cli", "zmp_sqp.plots"])
+def test_nothing_but_the_command_line_imports_a_leaf(leaf):
+    importers = {name for name in MODULES if any(within(target, leaf) for target in own(name))}
+    assert not {name for name in importers if not within(name, "zmp_sqp.cli", leaf)}
+
+
+def test_no_import_cycles():
+    TopologicalSorter({name: own(name) for name in MODULES}).prepare()  # raises CycleError with the cycle
+
+
+def test_importing_the_package_loads_neither_plots_nor_qp_backends():
+    code = f"import sys, zmp_sqp; print(*sorted({set(HEAVY)!r} & set(sys.modules)))"
+    run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=120)
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.split() == []
+
+
+def test_no_module_is_longer_than_300_lines():
+    lengths = {name: len(path.read_text(encoding="utf-8").splitlines()) for name, path in MODULES.items()}
+    assert not {name: length for name, length in lengths.items() if length > 300}
+
+
+def test_every_shipped_file_is_below_one_mebibyte():
+    shipped = [path for folder in (PACKAGE, ROOT / "urdf") for path in folder.rglob("*") if path.is_file()]
+    assert not [path for path in shipped if "__pycache__" not in path.parts and path.stat().st_size >= 2**20]
