@@ -87,7 +87,7 @@ def test_no_import_cycles():
 
 
 def test_importing_the_package_loads_neither_plots_nor_qp_backends():
-    code = f"import sys, zmp_sqp; print(*sorted({set(HEAVY)!r} & set(sys.modules)))"
+    code = f"import sys, zmp_sqp; assert zmp_sqp.__file__; print(*sorted({set(HEAVY)!r} & set(sys.modules)))"
     run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=120)
     assert run.returncode == 0, run.stderr
     assert run.stdout.split() == []
