@@ -1,1 +1,28 @@
 """From a URDF to the ground reaction wrench and the zero moment point, with derivatives. Knows no optimisation."""
+
+from zmp_sqp.mechanics.ground import GRAVITY, Ground, Slope
+from zmp_sqp.mechanics.limits import JointLimits
+from zmp_sqp.mechanics.machine import Machine
+from zmp_sqp.mechanics.payload import Payload
+from zmp_sqp.mechanics.support import SupportPolygon
+from zmp_sqp.mechanics.urdf import load_machine, shipped_machines
+from zmp_sqp.mechanics.wrench import WrenchDerivatives, ground_reaction, ground_reaction_derivatives
+from zmp_sqp.mechanics.zmp import stability_margin, zmp, zmp_of_wrench
+
+__all__ = [
+    "GRAVITY",
+    "Ground",
+    "JointLimits",
+    "Machine",
+    "Payload",
+    "Slope",
+    "SupportPolygon",
+    "WrenchDerivatives",
+    "ground_reaction",
+    "ground_reaction_derivatives",
+    "load_machine",
+    "shipped_machines",
+    "stability_margin",
+    "zmp",
+    "zmp_of_wrench",
+]

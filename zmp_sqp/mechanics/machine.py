@@ -17,8 +17,6 @@ from zmp_sqp.mechanics.support import SupportPolygon
 
 __all__ = ["Machine"]
 
-GRAVITY = 9.81  # [m/s^2], the paper's constant
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Machine:
@@ -30,7 +28,7 @@ class Machine:
 
     Attributes:
         name: The robot's name in the URDF.
-        model: Pinocchio model; do not change it in place.
+        model: Pinocchio model, with the inertia of each link in the link's frame; do not change it in place.
         joint_names: The n planned joints, in the order of the URDF file.
         limits: Position, velocity, acceleration and effort limits, each of shape (n,).
         support: Support polygon in the root frame, or None if the URDF shows none.
@@ -103,8 +101,16 @@ class Machine:
         return replace(self, support=support)
 
     def with_point_masses(self) -> Machine:
-        """The same masses and centres of mass without rotational inertia: the model of Song & Sharf 2020, eq. (5)."""
+        """The same machine with every body a point mass at its own centre of mass: Song & Sharf 2020, eq. (5).
+
+        Bodies fixed to one another (a link and its payload) stay apart: each is a point of its own. Pinocchio lumps
+        them into the joint that moves them, but the frame of each link and payload still holds its own inertia.
+        """
         model = self.model.copy()
-        for index, inertia in enumerate(model.inertias):
-            model.inertias[index] = pin.Inertia(inertia.mass, inertia.lever, np.zeros((3, 3)))
+        for index in range(1, model.njoints):
+            total = pin.Inertia.Zero()
+            for frame in (frame for frame in model.frames if frame.parentJoint == index):
+                point = pin.Inertia(frame.inertia.mass, frame.inertia.lever, np.zeros((3, 3)))
+                total += frame.placement.act(point)
+            model.inertias[index] = total
         return replace(self, model=model)

@@ -43,7 +43,8 @@ def ground_reaction(
     Args:
         machine: The machine.
         q, v, a: Joint coordinates, rates, accelerations, shape (K, n) each [rad, s].
-        root_acceleration: Spatial acceleration of the root minus gravity, root frame, shape (6,) or (K, 6) [m/s^2, rad/s^2].
+        root_acceleration: Spatial acceleration of the root minus gravity, root frame, shape (6,) or (K, 6)
+            [m/s^2, rad/s^2].
         root_velocity: Twist of the root, root frame, shape (6,) or (K, 6) [m/s, rad/s]; None stands still.
 
     Returns:

@@ -1,0 +1,46 @@
+"""Whether three numbers can be the principal moments of inertia of a body."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from zmp_sqp.arrays import Array, frozen_array
+from zmp_sqp.errors import MachineError
+
+__all__ = ["checked_inertia"]
+
+ROUNDING = 1e-3  # share of the largest moment that CAD exports lose to rounding (thin plates: Ixx + Iyy = Izz)
+SYMMETRY = 1e-9  # share of the largest entry by which mirrored entries may differ
+
+
+def checked_inertia(values: Any, *, name: str, semidefinite: bool = False) -> Array:
+    r"""Rotational inertia that a body can have.
+
+    .. math:: I = I^T, \quad I_1, I_2, I_3 > 0, \quad I_i + I_j \geq I_k
+
+    Args:
+        values: Rotational inertia about the centre of mass, shape (3, 3) [kg m^2].
+        name: What the message calls it.
+        semidefinite: Whether zero moments are allowed: a slender stem has none about its axis.
+
+    Raises:
+        MachineError: Not numbers, not symmetric, not positive definite, or against the triangle inequality.
+    """
+    inertia = frozen_array(values, name=name, shape=(3, 3), error=MachineError)
+    scale = float(np.abs(inertia).max())
+    if np.abs(inertia - inertia.T).max() > SYMMETRY * scale:
+        raise MachineError(f"{name} must be symmetric, not {inertia.tolist()}")
+    moments = np.linalg.eigvalsh(inertia)  # ascending
+    spelled = ", ".join(f"{moment:.6g}" for moment in moments)
+    rounding = 1e-12 * scale  # of eigvalsh
+    if moments[0] < -rounding or (moments[0] <= rounding and not semidefinite):
+        kind = "semi-definite" if semidefinite else "definite"
+        raise MachineError(f"{name} must be positive {kind}, but its principal moments are {spelled} kg m^2")
+    if moments[0] + moments[1] < moments[2] * (1.0 - ROUNDING):
+        raise MachineError(
+            f"{name} violates the triangle inequality: of its principal moments {spelled} kg m^2 the largest is more "
+            "than the sum of the others, so no distribution of mass has it"
+        )
+    return inertia

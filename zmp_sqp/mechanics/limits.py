@@ -1,0 +1,136 @@
+"""Joint limits: position, velocity, acceleration and effort, with NaN for what nobody has given."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from zmp_sqp.arrays import Array, finite_number, frozen_array
+from zmp_sqp.errors import MachineError
+
+__all__ = ["JointLimits"]
+
+POSITIONS = ("position_lower", "position_upper")
+RATES = ("velocity", "acceleration", "effort")
+KEYS = POSITIONS + RATES
+NEEDED = (*POSITIONS, "velocity", "acceleration")  # effort limits only matter to who asks for them
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointLimits:
+    """What n joints may do; NaN stands for a limit that nobody has given.
+
+    Attributes:
+        position_lower: Lowest joint coordinates, -inf where there is no end (continuous joints), shape (n,) [rad or m].
+        position_upper: Highest joint coordinates, +inf where there is no end, shape (n,) [rad or m].
+        velocity: Largest rates in either direction, shape (n,) [rad/s or m/s].
+        acceleration: Largest accelerations in either direction, shape (n,) [rad/s^2 or m/s^2].
+        effort: Largest torques or forces in either direction, shape (n,) [N m or N].
+
+    Raises:
+        MachineError: Shapes differ, a limit is not positive and finite, or a lower limit is above its upper one.
+    """
+
+    position_lower: Array
+    position_upper: Array
+    velocity: Array
+    acceleration: Array
+    effort: Array
+
+    def __post_init__(self) -> None:
+        lengths = {}
+        for key in KEYS:
+            values = frozen_array(getattr(self, key), name=key, shape=(None,), error=MachineError, finite=False)
+            object.__setattr__(self, key, values)
+            lengths[key] = len(values)
+        if len(set(lengths.values())) > 1:
+            raise MachineError(f"all limits must have the same number of joints, not {lengths}")
+        _check({key: getattr(self, key) for key in KEYS}, range(lengths["velocity"]))
+
+    def updated(self, changes: Mapping[str, Any], joint_names: Sequence[str]) -> JointLimits:
+        """The same limits with some replaced.
+
+        Args:
+            changes: From limit names (the attributes of this class) to a scalar for all joints, shape (n,), or a
+                mapping from joint names to numbers; joints that such a mapping leaves out keep what they have.
+            joint_names: Names of the n joints.
+
+        Raises:
+            MachineError: Unknown limit or joint (the message lists those there are), not a number, not positive and
+                finite, or lower above upper.
+        """
+        if not isinstance(changes, Mapping):
+            raise MachineError(f"limits must be a mapping such as {{'velocity': 0.4}}, not {changes!r}")
+        if len(joint_names) != len(self.velocity):
+            raise MachineError(
+                f"limits of {len(self.velocity)} joints cannot be updated by names of {len(joint_names)}"
+            )
+        values = {key: np.array(getattr(self, key)) for key in KEYS}
+        for key, change in changes.items():
+            if key not in values:
+                raise MachineError(f"unknown limit {key!r}; limits are {', '.join(KEYS)}")
+            columns, numbers = _spread(key, change, joint_names)
+            if np.isnan(numbers).any():
+                name = joint_names[columns[np.flatnonzero(np.isnan(numbers)).tolist()[0]]]
+                raise MachineError(f"{_spell(key)} limit of joint {name!r} must be a number, not nan")
+            values[key][columns] = numbers
+        _check(values, joint_names)
+        return JointLimits(**values)
+
+    def missing(self, joint_names: Sequence[str]) -> dict[str, tuple[str, ...]]:
+        """Which joints lack which of the limits that planning needs.
+
+        Returns:
+            From limit names ('position_lower', 'position_upper', 'velocity', 'acceleration') to the names of the joints
+            that lack it; empty where nothing is missing.
+        """
+        lacking = {key: np.flatnonzero(np.isnan(getattr(self, key))).tolist() for key in NEEDED}
+        return {key: tuple(joint_names[i] for i in where) for key, where in lacking.items() if where}
+
+
+def _spread(key: str, change: Any, joint_names: Sequence[str]) -> tuple[list[int], Array]:
+    """Which columns a change concerns, and its number for each of them."""
+    everyone = list(range(len(joint_names)))
+    if isinstance(change, Mapping):
+        for name in change:
+            if name not in joint_names:
+                raise MachineError(
+                    f"{_spell(key)} limit of unknown joint {name!r}; joints are {', '.join(joint_names)}"
+                )
+        numbers = [_number(key, name, value) for name, value in change.items()]
+        return [list(joint_names).index(name) for name in change], np.array(numbers, dtype=np.float64)
+    if np.asarray(change, dtype=object).ndim == 0:
+        return everyone, np.full(len(everyone), _number(key, None, change))
+    return everyone, frozen_array(
+        change, name=f"{_spell(key)} limits", shape=(len(everyone),), error=MachineError, finite=False
+    )
+
+
+def _number(key: str, joint: str | None, value: Any) -> float:
+    name = f"{_spell(key)} limit" + ("" if joint is None else f" of joint {joint!r}")
+    if isinstance(value, bool | np.bool_):
+        raise MachineError(f"{name} must be a number, not {value!r}")
+    if key in POSITIONS and isinstance(value, float | np.floating) and np.isinf(value):
+        return float(value)  # a joint without an end
+    return finite_number(value, name=name, error=MachineError)
+
+
+def _check(values: Mapping[str, Array], joints: Sequence[str] | range) -> None:
+    """NaN passes: every comparison with it is false."""
+    for key in RATES:
+        for i in np.flatnonzero((values[key] <= 0.0) | np.isinf(values[key])).tolist():
+            raise MachineError(
+                f"{_spell(key)} limit of joint {joints[i]!r} must be positive and finite, not {values[key][i]}"
+            )
+    lower, upper = values["position_lower"], values["position_upper"]
+    for i in np.flatnonzero((lower > upper) | (lower == np.inf) | (upper == -np.inf)).tolist():
+        raise MachineError(
+            f"joint {joints[i]!r}: lower position limit {lower[i]} and upper one {upper[i]} leave no room"
+        )
+
+
+def _spell(key: str) -> str:
+    return {"position_lower": "lower position", "position_upper": "upper position"}.get(key, key)

@@ -1,0 +1,87 @@
+"""A body that the machine carries, such as a felled tree."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from zmp_sqp.arrays import Array, finite_number, frozen_array
+from zmp_sqp.errors import MachineError
+from zmp_sqp.mechanics.inertia import checked_inertia
+
+__all__ = ["Payload"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Payload:
+    """A rigid body fixed to one frame of the machine.
+
+    Attributes:
+        mass: Its mass [kg].
+        com: Its centre of mass in that frame, shape (3,) [m].
+        frame: Name of the link (or other frame) that carries it.
+        inertia: Rotational inertia about its own centre of mass, axes of the frame, shape (3, 3) [kg m^2]; None is a
+            point mass.
+
+    Raises:
+        MachineError: Mass not positive, anything not finite, or an inertia that no body has.
+    """
+
+    mass: float
+    com: Array
+    frame: str
+    inertia: Array | None = None
+
+    def __post_init__(self) -> None:
+        mass = finite_number(self.mass, name="payload mass", error=MachineError)
+        if mass <= 0.0:
+            raise MachineError(f"payload mass must be positive, not {mass} kg")
+        if not isinstance(self.frame, str):
+            raise MachineError(f"payload frame must be the name of a link, not {self.frame!r}")
+        com = frozen_array(self.com, name="payload com", shape=(3,), error=MachineError)
+        object.__setattr__(self, "mass", mass)
+        object.__setattr__(self, "com", com)
+        if self.inertia is not None:
+            inertia = checked_inertia(self.inertia, name="payload inertia", semidefinite=True)
+            object.__setattr__(self, "inertia", inertia)
+
+    def attached_to(self, model: Any) -> Any:
+        """Copy of a Pinocchio model that carries this payload.
+
+        The payload becomes a frame with an inertia of its own, so that `Machine.with_point_masses` can still tell it
+        from the link that carries it.
+
+        Args:
+            model: Pinocchio model; it is left alone.
+
+        Raises:
+            MachineError: Unknown frame; the message lists the frames there are.
+        """
+        index = self._frame_index(model)
+        carrier = model.frames[index]
+        inertia = pin.Inertia(self.mass, self.com, np.zeros((3, 3)) if self.inertia is None else self.inertia)
+        names = {frame.name for frame in model.frames}
+        count = next(i for i in range(1, len(names) + 2) if f"payload {i}" not in names)
+        loaded = model.copy()
+        loaded.addFrame(
+            pin.Frame(
+                f"payload {count}", carrier.parentJoint, index, carrier.placement, pin.FrameType.OP_FRAME, inertia
+            ),
+            True,  # the inertia counts for the joint that moves the frame
+        )
+        return loaded
+
+    def _frame_index(self, model: Any) -> int:
+        """Links come first: in many URDFs, ours included, a joint and its child link share a name."""
+        frames = [
+            (i, frame) for i, frame in enumerate(model.frames) if frame.parentJoint > 0
+        ]  # the universe carries nothing
+        links = [i for i, frame in frames if frame.name == self.frame and frame.type == pin.FrameType.BODY]
+        others = [i for i, frame in frames if frame.name == self.frame]
+        if not others:
+            known = ", ".join(dict.fromkeys(frame.name for _, frame in frames))
+            raise MachineError(f"there is no frame {self.frame!r} to carry the payload; frames are {known}")
+        return int((links or others)[0])
