@@ -11,7 +11,7 @@ from zmp_sqp.errors import MachineError
 from zmp_sqp.mechanics.ground import Slope
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.payload import Payload
-from zmp_sqp.mechanics.zmp import zmp
+from zmp_sqp.mechanics.zero_moment_point import zmp
 
 SAME = 1e-12  # [m], the same sums in another order
 

@@ -5,7 +5,7 @@ import pytest
 
 from zmp_sqp.mechanics.ground import Slope
 from zmp_sqp.mechanics.urdf import load_machine, shipped_machines
-from zmp_sqp.mechanics.zmp import zmp
+from zmp_sqp.mechanics.zero_moment_point import zmp
 
 mujoco = pytest.importorskip("mujoco")
 

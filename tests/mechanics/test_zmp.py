@@ -12,7 +12,7 @@ from zmp_sqp.errors import ContactLost, MachineError
 from zmp_sqp.mechanics.ground import Slope
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.payload import Payload
-from zmp_sqp.mechanics.zmp import stability_margin, zmp
+from zmp_sqp.mechanics.zero_moment_point import stability_margin, zmp
 
 PRINTED = 1e-3  # [m], the reference values of paper.md have three decimals
 DERIVATIONS = 1e-9  # [m], two derivations in double precision

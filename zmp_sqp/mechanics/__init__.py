@@ -7,7 +7,7 @@ from zmp_sqp.mechanics.payload import Payload
 from zmp_sqp.mechanics.support import SupportPolygon
 from zmp_sqp.mechanics.urdf import load_machine, shipped_machines
 from zmp_sqp.mechanics.wrench import WrenchDerivatives, ground_reaction, ground_reaction_derivatives
-from zmp_sqp.mechanics.zmp import stability_margin, zmp, zmp_of_wrench
+from zmp_sqp.mechanics.zero_moment_point import stability_margin, zmp, zmp_of_wrench
 
 __all__ = [
     "GRAVITY",

@@ -28,8 +28,8 @@ class JointRows:
 class Layout:
     """Index arithmetic of N intervals, n coordinates and E wrench rows per interval end.
 
-    Variables: positions, rates, accelerations, sigma. Inequalities: wrench rows (starts of all intervals, then ends;
-    E each), accelerations (upper, lower), rates (upper, lower; all nodes), positions at the nodes (upper, lower),
+    Variables: positions, rates, accelerations, sigma. Inequalities: wrench rows (starts of all intervals, then
+    ends, then middle control points; E each), accelerations (upper, lower), rates (upper, lower; all nodes), positions at the nodes (upper, lower),
     middle control points (upper, lower), sigma. Equalities: first state, gaps of q, gaps of w, last state.
     """
 
@@ -70,7 +70,7 @@ class Layout:
     @property
     def wrench_rows(self) -> int:
         """Number of wrench rows."""
-        return 2 * self.N * self.E
+        return 3 * self.N * self.E
 
     @property
     def inequalities(self) -> int:
@@ -132,14 +132,15 @@ class Layout:
         """Jacobian of the inequalities.
 
         Args:
-            slopes: Of the wrench rows, shape (2N, E, 3n + 1).
+            slopes: Of the wrench rows at starts, ends and middle control points, shape (3N, E, 3n + 1).
             rows: Constant joint rows.
             root_slope: d sqrt(sigma) / d sigma.
         """
         width = 3 * self.n + 1
         data = rows.matrix.data.copy()
         data[rows.rate_data] *= root_slope
-        columns = np.repeat(self.end_columns, self.E, axis=0).ravel()
+        touched = np.vstack([self.end_columns, self.end_columns[: self.N]])  # a control point is seen from the start
+        columns = np.repeat(touched, self.E, axis=0).ravel()
         pointers = np.arange(1, self.wrench_rows + 1) * width
         return sp.csr_array(
             (

@@ -16,6 +16,7 @@ from zmp_sqp.sqp.nlp import Basis, Evaluation, Linearization
 __all__ = ["Boundary", "PathBounds", "Transcription"]
 
 REGULARIZATION = 1e-2  # weight of the mean squared scaled acceleration: picks one of many fastest motions
+FAR = 0.5  # [m] middle control points with more room than this are not differentiated: one step does not get there
 LEAST_NORMAL_FORCE = 0.05  # of the weight: below it the tracks are as good as in the air
 
 
@@ -58,9 +59,9 @@ class Transcription:
     with h = 1/N, S = T^2 = sigma S_ref, boundary rates v_0 sqrt(S) and v_f sqrt(S). The joint chain does not contain T.
 
     Rows of the wrench (an edge of the polygon, or the least normal force) hold at both ends of every interval, because
-    the acceleration jumps at the nodes, and carry the bulge of a parabola through both ends and the middle, so that
-    the middle holds too. Positions hold at the nodes and at the middle control point q_k + h w_k / 2 of each interval's
-    parabola: by its convex hull, everywhere. All variables are scaled to order one.
+    the acceleration jumps at the nodes, and at the middle Bernstein control point 2 c(1/2) - (c(0) + c(1)) / 2 of the
+    parabola through start, middle and end, so that this parabola keeps the bound everywhere. Positions, which are
+    parabolas, hold at the nodes and at their control points q_k + h w_k / 2. All variables are scaled to order one.
 
     Sparsity of a wrench row of interval k, start: columns q_k, w_k, alpha_k, sigma; end: q_{k+1}, w_{k+1}, alpha_k, sigma.
     """
@@ -109,19 +110,32 @@ class Transcription:
         q, w, alpha, sigma = self.layout.split(x)
         return q, w * self.rate_scale, alpha * self.acceleration_scale, sigma * self.reference**2
 
+    def arrived(self, x: Array) -> tuple[Array, Array, Array, float]:
+        """As `unpack`, with gaps closed and the goal met to rounding by the smallest change of the accelerations."""
+        _, _, alpha, S = self.unpack(x)
+        T, N = np.sqrt(S), self.N
+        to_q, to_w = (N - np.arange(N) - 0.5) / N**2, np.full(N, 1.0 / N)
+        sums = np.vstack([to_q, to_w])
+        wanted = np.vstack([self.goal.q - self.start.q - self.start.v * T, (self.goal.v - self.start.v) * T])
+        alpha = alpha + sums.T @ np.linalg.solve(sums @ sums.T, wanted - sums @ alpha)
+        q, w, alpha, S = self.unpack(self.pack(alpha, S))
+        return q, w, alpha, S
+
     # --- the nonlinear program ----------------------------------------------------------------
 
     def evaluate(self, x: Array) -> Evaluation:
         """Values at x."""
         ends = self._ends(x)
-        wrench = self.model.wrench(*ends)
-        return self._evaluation(x, wrench)
+        return self._evaluation(x, self.model.wrench(*ends), self.model.wrench(*self._middles(x)))
 
     def linearize(self, x: Array) -> Linearization:
-        """Values and first derivatives at x; the bulge of the wrench rows counts as constant (it is of order h^2)."""
+        """Values and first derivatives at x."""
         *states, S = self._ends(x)
         wrench, slopes = self.model.wrench_derivatives(*states, S)
-        slopes = (self._rows @ slopes) * self._stage_scale  # (2N, E, 3n + 1)
+        middles = self._middles(x)
+        at = self._evaluation(x, wrench, self.model.wrench(*middles))
+        slopes = self._rows @ slopes  # (2N, E, 3n + 1)
+        slopes = np.concatenate([slopes, self._middle_slopes(at, slopes, middles)]) * self._stage_scale
         slopes[:, :, -1] += self._row_offset
         sigma = x[-1]
         C = self.layout.fill_inequalities(slopes, self._linear, 0.5 / np.sqrt(sigma))
@@ -131,7 +145,6 @@ class Transcription:
         gradient[-1] = 1.0
         alpha = self.layout.accelerations
         gradient[alpha] = REGULARIZATION / (self.N * self.n) * x[alpha]
-        at = self._evaluation(x, wrench)
         return Linearization(at, gradient, A, C, self._basis(at.equalities, boundary))
 
     def hessian(self, x: Array, y: Array, z: Array, *, convex: bool) -> sp.csr_array:
@@ -144,7 +157,9 @@ class Transcription:
         diagonal[-1] = 0.25 * roots / sigma**1.5
         if convex:
             diagonal[-1] = max(diagonal[-1], 0.0)
-        weights = z[self.nonlinear_rows].reshape(2 * self.N, -1)
+        weights = z[self.nonlinear_rows].reshape(3 * self.N, -1)
+        weights[: self.N] += weights[2 * self.N :]  # a control point's curvature is that of the start but for O(h)
+        weights = weights[: 2 * self.N]
         active = np.flatnonzero(weights.max(axis=1) > 0.0)
         if not len(active):
             return sp.csr_array(sp.diags_array(diagonal))
@@ -167,26 +182,37 @@ class Transcription:
         q, w, alpha, S = self.unpack(x)
         return np.vstack([q[:-1], q[1:]]), np.vstack([w[:-1], w[1:]]), np.vstack([alpha, alpha]), S
 
-    def _bulge(self, x: Array, rows: Array) -> Array:
-        """What a parabola through start, middle and end of an interval rises above its chord, (N, E), not negative."""
+    def _middles(self, x: Array) -> tuple[Array, Array, Array, float]:
+        """States in the middle of all intervals, (N, n) each, and S."""
         q, w, alpha, S = self.unpack(x)
         half = 0.5 / self.N
-        middle = self.model.wrench(q[:-1] + half * w[:-1] + 0.5 * half**2 * alpha, w[:-1] + half * alpha, alpha, S)
-        chord = 0.5 * (rows[: self.N] + rows[self.N :])
-        return np.maximum(middle @ self._rows.T + x[-1] * self._row_offset - chord, 0.0)
+        return q[:-1] + half * w[:-1] + 0.5 * half**2 * alpha, w[:-1] + half * alpha, alpha, S
 
-    def _evaluation(self, x: Array, wrench: Array) -> Evaluation:
+    def _middle_slopes(self, at: Evaluation, ends: Array, states: tuple[Array, Array, Array, float]) -> Array:
+        """Derivatives of the middle control points by (q, w, alpha, S) of the start, shape (N, E, 3n + 1)."""
+        N, n, half = self.N, self.n, 0.5 / self.N
+        rows = at.inequalities[: self.layout.wrench_rows].reshape(3 * N, -1)[2 * N :]
+        near = np.flatnonzero(rows.max(axis=1) > -FAR)
+        slopes = np.zeros((N, *ends.shape[1:]))
+        if len(near):
+            *part, S = (state[near] if isinstance(state, np.ndarray) else state for state in states)
+            _, middle = self.model.wrench_derivatives(*part, S)
+            first, last = ends[near], _seen_from(ends[N + near], -2.0 * half, n)
+            slopes[near] = 2.0 * _seen_from(self._rows @ middle, -half, n) - 0.5 * (first + last)
+        return slopes
+
+    def _evaluation(self, x: Array, wrench: Array, middle: Array) -> Evaluation:
         layout, bounds = self.layout, self.bounds
         q, w, alpha, sigma = layout.split(x)
         root = np.sqrt(sigma) if sigma > 0.0 else np.nan
         rows = wrench @ self._rows.T + sigma * self._row_offset
-        rows = rows + np.tile(self._bulge(x, rows), (2, 1))
+        control = 2.0 * (middle @ self._rows.T + sigma * self._row_offset) - 0.5 * (rows[: self.N] + rows[self.N :])
         limit = self._linear.acceleration_share * sigma
         rate = self._linear.rate_share * root
-        middle = q[:-1] + self._linear.half_step * w[:-1]
+        position_control = q[:-1] + self._linear.half_step * w[:-1]
         inequalities = [
-            rows, alpha - limit, -alpha - limit, w - rate, -w - rate, q - bounds.position_upper, bounds.position_lower - q,
-            middle - bounds.position_upper, bounds.position_lower - middle, self._sigma_min - sigma,
+            rows, control, alpha - limit, -alpha - limit, w - rate, -w - rate, q - bounds.position_upper, bounds.position_lower - q,
+            position_control - bounds.position_upper, bounds.position_lower - position_control, self._sigma_min - sigma,
         ]  # fmt: skip
         gap_q = q[1:] - q[:-1] - (self.rate_scale * w[:-1] + 0.5 / self.N * self.acceleration_scale * alpha) / self.N
         gap_w = w[1:] - w[:-1] - self.acceleration_scale / self.rate_scale * alpha / self.N
@@ -212,6 +238,13 @@ class Transcription:
             d[layout.positions] = (np.vstack([np.zeros(n), np.cumsum(moved, axis=0)]) - gaps[:n]).ravel()
             d[layout.rates] = dw.ravel()
         return Basis(Z, d, layout.free, layout.eliminated)
+
+
+def _seen_from(slopes: Array, later: float, n: int) -> Array:
+    """Derivatives by the state at one time, rewritten as derivatives by the state `later` after it (same alpha)."""
+    by_q, by_w, rest = slopes[..., :n], slopes[..., n : 2 * n], slopes[..., 2 * n :].copy()
+    rest[..., :n] += 0.5 * later**2 * by_q - later * by_w
+    return np.concatenate([by_q, by_w - later * by_q, rest], axis=-1)
 
 
 def _flat(parts: list[Array]) -> Array:

@@ -1,0 +1,199 @@
+"""From a problem to a plan: guess, transcribe, solve, verify on a finer grid, tighten where that fails."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from zmp_sqp.arrays import Array, finite_number
+from zmp_sqp.errors import ProblemError
+from zmp_sqp.mechanics.ground import GRAVITY
+from zmp_sqp.planning.answer import Plan, Status
+from zmp_sqp.planning.double_integrator import grid_minimum_time
+from zmp_sqp.planning.guess import initial_guess, kinematic_lower_bound
+from zmp_sqp.planning.model import ArmModel
+from zmp_sqp.planning.problem import Problem
+from zmp_sqp.planning.trajectory import Trajectory
+from zmp_sqp.planning.transcription import Boundary, PathBounds, Transcription
+from zmp_sqp.planning.verification import Verification, verify
+from zmp_sqp.sqp.backends import make_backend
+from zmp_sqp.sqp.result import IterationRecord, SQPStatus
+from zmp_sqp.sqp.solver import SQP, SQPSettings
+
+__all__ = ["plan"]
+
+FALLBACK = "piqp"
+GUARD = 1e-6  # [m] kept inside the asked margin, so that the answer keeps the margin itself
+LIMIT_GUARD = 1e-8  # relative, likewise for the joint limits
+LIMIT_TOLERANCE = 1e-9  # largest excess over a joint limit of a plan
+UNBOUNDED = 1e4  # [rad or m] stands for a position limit that is infinite
+MAX_TIGHTENINGS = 6
+OUTCOMES = {
+    SQPStatus.OPTIMAL: Status.OPTIMAL,
+    SQPStatus.BOUND_REACHED: Status.FASTEST_POSSIBLE,
+    SQPStatus.FEASIBLE: Status.SAFE,
+    SQPStatus.INFEASIBLE: Status.INFEASIBLE,
+    SQPStatus.TIME_LIMIT: Status.TIME_BUDGET,
+    SQPStatus.ITERATION_LIMIT: Status.ITERATION_LIMIT,
+}
+
+
+def plan(
+    problem: Problem,
+    qp_solver: str = "proxqp",
+    time_budget: float | None = None,
+    *,
+    progress: Callable[[IterationRecord], None] | None = None,
+) -> Plan:
+    r"""Fastest safe motion, by SQP on the multiple-shooting transcription in normalised time.
+
+    .. math:: \min T \quad \text{s.t.} \quad \text{Song \& Sharf 2020, eq. (19)}: \text{ZMP in the polygon, joint limits}
+
+    Args:
+        problem: The question.
+        qp_solver: "proxqp", "piqp" (sparse; for many intervals), or "qpsolvers:NAME".
+        time_budget: No new iteration starts after this long [s]; None for as long as it takes.
+        progress: Called after every iteration with its record.
+
+    Returns:
+        Plan; `success` is False where no safe motion was found, with a diagnosis in `message`.
+
+    Raises:
+        ProblemError: Unknown QP solver, or a time budget that is not a positive number.
+    """
+    started = time.perf_counter()
+    if not isinstance(problem, Problem):
+        raise ProblemError(f"problem must be a Problem, not {type(problem).__name__}")
+    deadline = None
+    if time_budget is not None:
+        if finite_number(time_budget, name="time_budget", error=ProblemError) <= 0.0:
+            raise ProblemError(f"time_budget must be positive, not {time_budget} s")
+        deadline = started + float(time_budget)
+    backend = make_backend(qp_solver)
+    fallback = make_backend(FALLBACK) if qp_solver != FALLBACK else None
+    sqp = SQP(backend, fallback, SQPSettings(deadline=deadline), progress)
+
+    start, goal = Boundary(problem.start, problem.start_velocity), Boundary(problem.goal, problem.goal_velocity)
+    model = ArmModel(problem.machine, problem.ground.gravity())
+    bounds = _bounds(problem, tightened=0.0)
+    lower_bound = kinematic_lower_bound(start, goal, _limits_as_given(problem, bounds))
+    if lower_bound == 0.0:
+        return _already_there(problem, qp_solver, started)
+    least = max(kinematic_lower_bound(start, goal, bounds), _grid_bound(problem, bounds))
+    bounds = replace(bounds, least_duration=least)
+    alpha, duration = initial_guess(
+        model, start, goal, bounds, intervals=problem.intervals, least_duration=least
+    )
+    x, history, tightened = None, [], 0.0
+    for _ in range(MAX_TIGHTENINGS):
+        nlp = Transcription(model, start, goal, bounds, intervals=problem.intervals, reference=duration)
+        result = sqp.minimize(nlp, nlp.pack(alpha, duration**2) if x is None else x)
+        history += result.history
+        attempt = _trajectory(problem, nlp, result.x)
+        checked = verify(problem.machine, attempt, problem.ground)
+        status = OUTCOMES.get(result.status, Status.FAILED)
+        if not status.success or _is_safe(checked, problem):
+            break
+        status = Status.UNSAFE_BETWEEN_NODES  # unless the next round mends it
+        tightened += 1.5 * max(problem.margin - checked.margin, GUARD)
+        bounds = replace(_bounds(problem, tightened=tightened), least_duration=least)
+        x = result.x
+    return Plan(
+        problem=problem,
+        status=status,
+        message=_message(problem, status, checked),
+        duration=attempt.duration,
+        lower_bound=lower_bound,
+        margin=checked.margin,
+        iterations=len(history),
+        solve_time=time.perf_counter() - started,
+        history=tuple(history),
+        qp_solver=qp_solver,
+        attempt=attempt,
+    )
+
+
+def _bounds(problem: Problem, *, tightened: float) -> PathBounds:
+    """The problem's limits and wrench rows, drawn in by the guards."""
+    machine, support = problem.machine, problem.machine.support
+    if support is None:
+        raise ProblemError(f"machine {machine.name!r} has no support polygon")
+    limits = machine.limits
+    lower = np.maximum(limits.position_lower, -UNBOUNDED) + LIMIT_GUARD
+    upper = np.minimum(limits.position_upper, UNBOUNDED) - LIMIT_GUARD
+    both = np.vstack([problem.start, problem.goal])
+    return PathBounds(
+        position_lower=np.minimum(lower, both.min(axis=0)),
+        position_upper=np.maximum(upper, both.max(axis=0)),
+        velocity=limits.velocity * (1.0 - LIMIT_GUARD),
+        acceleration=limits.acceleration * (1.0 - LIMIT_GUARD),
+        wrench_rows=support.wrench_rows(problem.margin + GUARD + tightened),
+        weight=machine.mass * GRAVITY,
+        least_duration=0.0,
+    )
+
+
+def _limits_as_given(problem: Problem, bounds: PathBounds) -> PathBounds:
+    limits = problem.machine.limits
+    return replace(bounds, velocity=limits.velocity, acceleration=limits.acceleration)
+
+
+def _grid_bound(problem: Problem, bounds: PathBounds) -> float:
+    """Least duration on the grid; only motions from rest to rest have one in closed form."""
+    if problem.start_velocity.any() or problem.goal_velocity.any():
+        return 0.0
+    return grid_minimum_time(
+        problem.goal - problem.start,
+        max_velocity=bounds.velocity,
+        max_acceleration=bounds.acceleration,
+        intervals=problem.intervals,
+    )
+
+
+def _trajectory(problem: Problem, nlp: Transcription, x: Array) -> Trajectory:
+    """The motion in seconds: it arrives to the last digit, and no limit is missed by rounding."""
+    q, w, alpha, S = nlp.arrived(x)
+    limits = problem.machine.limits
+    rates, pushes = np.abs(w) / limits.velocity, np.abs(alpha) / limits.acceleration
+    needed = max(float(rates.max()), float(np.sqrt(pushes.max())))  # the duration at which no limit is exceeded
+    duration = np.sqrt(S)
+    if duration < needed <= duration * (1.0 + 1e-7):
+        duration = needed
+    times = np.linspace(0.0, duration, problem.intervals + 1)
+    return Trajectory(problem.machine.joint_names, times, q, w / duration, alpha / duration**2)
+
+
+def _is_safe(checked: Verification, problem: Problem) -> bool:
+    return checked.margin >= problem.margin and checked.limit_excess <= LIMIT_TOLERANCE
+
+
+def _message(problem: Problem, status: Status, checked: Verification) -> str:
+    if status.success or problem.machine.support is None:
+        return str(status)
+    if checked.limit_excess > 1e-6:
+        return f"{status} The last motion looked at exceeds a joint limit by {checked.limit_excess:.3g}."
+    if checked.margin >= problem.margin:
+        return str(status)
+    edge = problem.machine.support.edge_name(checked.edge)
+    if not np.isfinite(checked.margin):
+        return f"{status} At {checked.time:.2f} s the machine would lift off the ground."
+    short = problem.margin - checked.margin
+    kept = f" less the margin of {problem.margin:.3g} m" if problem.margin else ""
+    return f"{status} At {checked.time:.2f} s the ZMP would leave the {edge} edge{kept} by {short:.3f} m."
+
+
+def _already_there(problem: Problem, qp_solver: str, started: float) -> Plan:
+    """Start and goal are the same state at rest: a motion of no duration."""
+    n = problem.machine.size
+    still = np.zeros((2, n))
+    attempt = Trajectory(problem.machine.joint_names, np.zeros(2), np.vstack([problem.start] * 2), still, still[:1])
+    checked = verify(problem.machine, attempt, problem.ground)
+    return Plan(
+        problem=problem, status=Status.FASTEST_POSSIBLE, message=str(Status.FASTEST_POSSIBLE), duration=0.0,
+        lower_bound=0.0, margin=checked.margin, iterations=0, solve_time=time.perf_counter() - started, history=(),
+        qp_solver=qp_solver, attempt=attempt,
+    )  # fmt: skip

@@ -1,0 +1,138 @@
+"""The question: from where to where, on which ground, with which margin."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from zmp_sqp.arrays import Array, finite_number, frozen_array
+from zmp_sqp.errors import MachineError, ProblemError
+from zmp_sqp.mechanics.ground import Ground, Slope
+from zmp_sqp.mechanics.machine import Machine
+from zmp_sqp.mechanics.wrench import ground_reaction
+from zmp_sqp.mechanics.zero_moment_point import zmp_of_wrench
+
+__all__ = ["MODELS", "Problem"]
+
+MODELS = ("full",)
+LIMIT_TOLERANCE = 1e-9  # [rad or m] rounding that a start or goal may stand outside its limits
+STATIC_TOLERANCE = 1e-9  # [m] likewise for the ZMP at rest
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Problem:
+    """Fastest motion of a standing machine from a start to a goal with its ZMP inside the support polygon.
+
+    Attributes:
+        machine: The machine, with its payload, limits and support polygon.
+        start: Joint coordinates at the start, shape (n,) [rad or m].
+        goal: Joint coordinates at the goal, shape (n,) [rad or m].
+        ground: What the machine stands on.
+        start_velocity: Joint rates at the start, shape (n,) [rad/s or m/s]; None is rest.
+        goal_velocity: Joint rates at the goal, likewise.
+        margin: Distance kept between ZMP and every edge [m].
+        intervals: Number N of equal intervals with constant acceleration.
+        model: "full": every joint is planned.
+
+    Raises:
+        ProblemError: The problem contradicts itself or the machine's limits, or the machine tips over at rest at the
+            start or the goal; the message names joint or edge, value and allowed range.
+    """
+
+    machine: Machine
+    start: Array
+    goal: Array
+    ground: Ground = Slope()
+    start_velocity: Any = None
+    goal_velocity: Any = None
+    margin: float = 0.0
+    intervals: int = 50
+    model: str = "full"
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.machine, Machine):
+            raise ProblemError(f"machine must be a Machine (see load_machine), not {type(self.machine).__name__}")
+        if not isinstance(self.ground, Ground):
+            raise ProblemError(f"ground must have a gravity(yaw) as Slope has, not {self.ground!r}")
+        size = self.machine.size
+        for name in ("start", "goal", "start_velocity", "goal_velocity"):
+            given = getattr(self, name)
+            if given is None and name.endswith("velocity"):
+                given = np.zeros(size)
+            object.__setattr__(self, name, frozen_array(given, name=name, shape=(size,), error=ProblemError))
+        if isinstance(self.intervals, bool) or not isinstance(self.intervals, (int, np.integer)) or self.intervals < 2:
+            raise ProblemError(f"intervals must be a whole number of at least 2, not {self.intervals!r}")
+        object.__setattr__(self, "intervals", int(self.intervals))
+        if self.model not in MODELS:
+            raise ProblemError(f"unknown model {self.model!r}; there is {', '.join(MODELS)}")
+        self._check_limits()
+        self._check_support()
+        for name in ("start", "goal"):
+            self._check_boundary(name, getattr(self, name), getattr(self, f"{name}_velocity"))
+
+    def _check_limits(self) -> None:
+        missing = self.machine.limits.missing(self.machine.joint_names)
+        if missing:
+            parts = [f"{key.replace('_', ' ')} limit for joint {_names(joints)}" for key, joints in missing.items()]
+            raise ProblemError(
+                f"no {'; no '.join(parts)}: give limits= to load_machine, or a joint_limits.yaml beside the URDF"
+            )
+
+    def _check_support(self) -> None:
+        support = self.machine.support
+        if support is None:
+            raise ProblemError(
+                f"machine {self.machine.name!r} has no support polygon: give support= to load_machine, "
+                "a SupportPolygon or the names of its contact links"
+            )
+        margin = finite_number(self.margin, name="margin", error=ProblemError)
+        object.__setattr__(self, "margin", margin)
+        if margin < 0.0:
+            raise ProblemError(f"margin must not be negative, not {margin} m")
+        try:
+            support.inset(margin)
+        except MachineError:
+            raise ProblemError(f"margin {margin} m leaves nothing of the support polygon") from None
+
+    def _check_boundary(self, name: str, q: Array, v: Array) -> None:
+        limits = self.machine.limits
+        for i, joint in enumerate(self.machine.joint_names):
+            lower, upper, rate = limits.position_lower[i], limits.position_upper[i], limits.velocity[i]
+            if not lower - LIMIT_TOLERANCE <= q[i] <= upper + LIMIT_TOLERANCE:
+                raise ProblemError(f"{name} of joint {joint!r} is {q[i]:.6g}, outside its limits [{lower:.6g}, {upper:.6g}]")
+            if abs(v[i]) > rate * (1.0 + LIMIT_TOLERANCE):
+                raise ProblemError(f"{name} velocity of joint {joint!r} is {v[i]:.6g}, outside its limits +-{rate:.6g}")
+            onward = v[i] if name == "start" else -v[i]  # at the goal, the way it must have come from
+            room = upper - q[i] if onward > 0.0 else q[i] - lower
+            needed = onward**2 / (2.0 * limits.acceleration[i])
+            if needed > room + LIMIT_TOLERANCE:
+                what = "stop before" if name == "start" else "reach that rate from"
+                side = f"upper limit {upper:.6g}" if onward > 0.0 else f"lower limit {lower:.6g}"
+                raise ProblemError(
+                    f"{name} velocity {v[i]:.6g} of joint {joint!r} leaves no room to {what} its {side}: "
+                    f"{needed:.4g} needed, {room:.4g} there"
+                )
+        if not v.any():
+            self._check_at_rest(name, q)
+
+    def _check_at_rest(self, name: str, q: Array) -> None:
+        support, margin = self.machine.support, self.margin
+        if support is None:
+            return
+        still, root = np.zeros((1, len(q))), np.concatenate([-self.ground.gravity(), np.zeros(3)])
+        wrench = ground_reaction(self.machine, q[None], still, still, root_acceleration=root)
+        point = zmp_of_wrench(wrench, support.height)[0]
+        over = support.normals @ point - support.offsets
+        edge = int(np.argmax(over))
+        if over[edge] > -margin + STATIC_TOLERANCE:
+            kept = f" less the margin of {margin:.3g} m" if margin else ""
+            raise ProblemError(
+                f"the machine tips over at rest at the {name}: its ZMP ({point[0]:.3f}, {point[1]:.3f}) m lies "
+                f"{over[edge] + margin:.3f} m outside the {support.edge_name(edge)} edge of the support polygon{kept}"
+            )
+
+
+def _names(joints: tuple[str, ...]) -> str:
+    return ", ".join(repr(joint) for joint in joints)

@@ -1,0 +1,170 @@
+"""A motion with piecewise constant accelerations: exact between its nodes."""
+
+from __future__ import annotations
+
+import csv
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from zmp_sqp.arrays import Array, frozen_array
+from zmp_sqp.errors import TrajectoryError
+from zmp_sqp.mechanics.machine import Machine
+
+__all__ = ["Trajectory"]
+
+CONSISTENCY = 1e-6  # [rad or m, and per second] how far a file's positions may be from what its accelerations give
+QUANTITIES = ("position", "velocity", "acceleration")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trajectory:
+    """Joint motion over nodes t_0 = 0 < ... < t_N; from node k on, acceleration k holds until node k + 1.
+
+    Attributes:
+        joint_names: The n joints.
+        times: Nodes, shape (N+1,) [s].
+        positions: At the nodes, shape (N+1, n) [rad or m].
+        velocities: At the nodes, shape (N+1, n) [rad/s or m/s].
+        accelerations: On the intervals, shape (N, n) [rad/s^2 or m/s^2].
+
+    Raises:
+        TrajectoryError: Shapes differ, entries are not finite, times do not grow from 0, or positions and velocities are
+            not those that the accelerations produce.
+    """
+
+    joint_names: tuple[str, ...]
+    times: Array
+    positions: Array
+    velocities: Array
+    accelerations: Array
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "joint_names", tuple(self.joint_names))
+        times = frozen_array(self.times, name="times", shape=(None,), error=TrajectoryError)
+        count, n = len(times), len(self.joint_names)
+        if count < 2:
+            raise TrajectoryError(f"a trajectory needs at least 2 nodes, not {count}")
+        shapes = {"positions": count, "velocities": count, "accelerations": count - 1}
+        for name, rows in shapes.items():
+            array = frozen_array(getattr(self, name), name=name, shape=(rows, n), error=TrajectoryError)
+            object.__setattr__(self, name, array)
+        object.__setattr__(self, "times", times)
+        steps = np.diff(times)
+        if times[0] != 0.0 or (steps < 0.0).any() or (times[-1] > 0.0 and (steps <= 0.0).any()):
+            raise TrajectoryError("times must start at 0 and grow from node to node")
+        self._check_consistency(steps[:, None])
+
+    def _check_consistency(self, h: Array) -> None:
+        rates = self.velocities[:-1] + h * self.accelerations
+        places = self.positions[:-1] + h * self.velocities[:-1] + 0.5 * h**2 * self.accelerations
+        for name, gap in (("velocities", self.velocities[1:] - rates), ("positions", self.positions[1:] - places)):
+            worst = np.unravel_index(np.argmax(np.abs(gap)), gap.shape)
+            if abs(gap[worst]) > CONSISTENCY:
+                raise TrajectoryError(
+                    f"{name} do not follow from the accelerations: node {int(worst[0]) + 1}, joint "
+                    f"{self.joint_names[worst[1]]!r} is off by {gap[worst]:.3g} (accelerations hold from node to node)"
+                )
+
+    @property
+    def duration(self) -> float:
+        """Time of the last node [s]."""
+        return float(self.times[-1])
+
+    @property
+    def intervals(self) -> int:
+        """Number N of intervals."""
+        return len(self.accelerations)
+
+    def __call__(self, t: Any) -> tuple[Array, Array, Array]:
+        """Positions, velocities and accelerations at any time; exact.
+
+        At a node the acceleration is that of the interval which begins there; at the end, of the last one.
+
+        Args:
+            t: Scalar or shape (K,) [s], within [0, duration].
+
+        Returns:
+            (q, v, a), shape (n,) each for a scalar, (K, n) each for an array.
+
+        Raises:
+            TrajectoryError: A time outside the trajectory or not finite.
+        """
+        shape = np.shape(t)
+        when = frozen_array(np.atleast_1d(t), name="t", shape=(None,), error=TrajectoryError)
+        slack = 1e-12 * max(1.0, self.duration)
+        for outside in when[(when < -slack) | (when > self.duration + slack)]:
+            raise TrajectoryError(f"t = {outside:.6g} s is outside the trajectory, which lasts {self.duration:.6g} s")
+        k = np.clip(np.searchsorted(self.times, when, side="right") - 1, 0, self.intervals - 1)
+        since = (np.clip(when, 0.0, self.duration) - self.times[k])[:, None]
+        a = self.accelerations[k]
+        v = self.velocities[k] + since * a
+        q = self.positions[k] + since * self.velocities[k] + 0.5 * since**2 * a
+        return (q[0], v[0], a[0]) if shape == () else (q, v, a)
+
+    def interval_ends(self) -> tuple[Array, Array, Array]:
+        """States at the start, then at the end of every interval, with that interval's acceleration: (2N, n) each."""
+        q, v, a = self.positions, self.velocities, self.accelerations
+        return np.vstack([q[:-1], q[1:]]), np.vstack([v[:-1], v[1:]]), np.vstack([a, a])
+
+    def to_csv(self, path: str | Path) -> None:
+        """One row per node: time, then position, velocity and acceleration of every joint; 17 digits, SI units.
+
+        The last row repeats the last interval's acceleration.
+        """
+        header = ["time", *(f"{joint}.{quantity}" for quantity in QUANTITIES for joint in self.joint_names)]
+        accelerations = np.vstack([self.accelerations, self.accelerations[-1:]])
+        table = np.column_stack([self.times, self.positions, self.velocities, accelerations])
+        with Path(path).open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file)
+            writer.writerow(header)
+            writer.writerows([format(entry, ".17g") for entry in row] for row in table)
+
+    def to_json(self, path: str | Path) -> None:
+        """The fields of ROS's trajectory_msgs/JointTrajectory, plus nothing: joint_names and points."""
+        accelerations = np.vstack([self.accelerations, self.accelerations[-1:]])
+        points = []
+        for time, *rows in zip(self.times, self.positions, self.velocities, accelerations, strict=True):
+            seconds, nanoseconds = divmod(round(float(time) * 1e9), 1_000_000_000)
+            names = ("positions", "velocities", "accelerations")
+            point: dict[str, Any] = {name: row.tolist() for name, row in zip(names, rows, strict=True)}
+            point["time_from_start"] = {"sec": seconds, "nanosec": nanoseconds}
+            points.append(point)
+        text = json.dumps({"joint_names": list(self.joint_names), "points": points}, indent=1)
+        Path(path).write_text(text + "\n", encoding="utf-8")
+
+    @classmethod
+    def from_csv(cls, path: str | Path, machine: Machine) -> Trajectory:
+        """Trajectory from a file as `to_csv` writes it; columns may come in any order.
+
+        Raises:
+            TrajectoryError: The file cannot be read, lacks a column of one of the machine's joints, has one that the machine
+                does not know, or holds something that is not a consistent motion.
+        """
+        names = machine.joint_names
+        wanted = ["time", *(f"{joint}.{quantity}" for quantity in QUANTITIES for joint in names)]
+        try:
+            with Path(path).open(newline="", encoding="utf-8") as file:
+                rows = [row for row in csv.reader(file) if row]
+        except (OSError, UnicodeDecodeError, csv.Error) as cause:
+            raise TrajectoryError(f"cannot read {path}: {cause}") from None
+        header = [name.strip() for name in rows[0]] if rows else []
+        for column in wanted:
+            if header.count(column) != 1:
+                raise TrajectoryError(f"{path}: column {column!r} must be there once, but is there {header.count(column)} times")
+        for column in header:
+            if column not in wanted:
+                raise TrajectoryError(f"{path}: unknown column {column!r}; the machine's joints are {', '.join(names)}")
+        table = np.empty((len(rows) - 1, len(header)))
+        for number, row in enumerate(rows[1:]):
+            try:
+                table[number] = [float(entry) for entry in row]
+            except ValueError as cause:
+                raise TrajectoryError(f"{path}: row {number + 2} is not {len(header)} numbers: {cause}") from None
+        table = table[:, [header.index(column) for column in wanted]]
+        n = len(names)
+        position, velocity, acceleration = (table[:, 1 + i * n : 1 + (i + 1) * n] for i in range(3))
+        return cls(names, table[:, 0], position, velocity, acceleration[:-1])
