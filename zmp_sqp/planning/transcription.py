@@ -143,9 +143,9 @@ class Transcription:
         A = self.layout.fill_equalities(self._gaps, -boundary * self._start_rate, -boundary * self._goal_rate)
         gradient = np.zeros(self.layout.size)
         gradient[-1] = 1.0
-        alpha = self.layout.accelerations
-        gradient[alpha] = REGULARIZATION / (self.N * self.n) * x[alpha]
-        return Linearization(at, gradient, A, C, self._basis(at.equalities, boundary))
+        tie_gradient, alpha = np.zeros(self.layout.size), self.layout.accelerations
+        tie_gradient[alpha] = REGULARIZATION / (self.N * self.n) * x[alpha]
+        return Linearization(at, gradient, tie_gradient, A, C, self._basis(at.equalities, boundary))
 
     def hessian(self, x: Array, y: Array, z: Array, *, convex: bool) -> sp.csr_array:
         """Hessian of the Lagrangian: the small weight on accelerations, the square roots, the wrench's curvature."""
@@ -219,8 +219,8 @@ class Transcription:
         equalities = [
             q[0] - self.start.q, w[0] - root * self._start_rate, gap_q, gap_w, q[-1] - self.goal.q, w[-1] - root * self._goal_rate
         ]  # fmt: skip
-        objective = sigma + 0.5 * REGULARIZATION / (self.N * self.n) * float(np.sum(alpha**2))
-        return Evaluation(float(objective), _flat(equalities), _flat(inequalities))
+        tie_breaker = 0.5 * REGULARIZATION / (self.N * self.n) * float(np.sum(alpha**2))
+        return Evaluation(sigma, tie_breaker, _flat(equalities), _flat(inequalities))
 
     def _basis(self, equalities: Array, boundary: float) -> Basis:
         layout, n, N = self.layout, self.n, self.N

@@ -19,11 +19,13 @@ class Evaluation:
 
     Attributes:
         objective: f(x).
+        tie_breaker: Small second objective phi(x) that picks one of many minimisers; the program minimises f + phi.
         equalities: c_E(x), shape (p,); feasible iff zero.
         inequalities: c_I(x), shape (m,); feasible iff not positive.
     """
 
     objective: float
+    tie_breaker: float
     equalities: Array
     inequalities: Array
 
@@ -36,7 +38,7 @@ class Evaluation:
     def is_finite(self) -> bool:
         """Whether the program could be evaluated here."""
         parts = (self.equalities, self.inequalities)
-        return bool(np.isfinite(self.objective)) and all(bool(np.isfinite(part).all()) for part in parts)
+        return bool(np.isfinite(self.objective + self.tie_breaker)) and all(bool(np.isfinite(part).all()) for part in parts)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,6 +67,7 @@ class Linearization:
     Attributes:
         at: The values at the point.
         gradient: Of the objective, shape (n,).
+        tie_gradient: Of the tie breaker, shape (n,).
         A: Jacobian of the equalities, CSR, shape (p, n).
         C: Jacobian of the inequalities, CSR, shape (m, n).
         basis: For condensing; None if there is nothing to condense.
@@ -72,13 +75,14 @@ class Linearization:
 
     at: Evaluation
     gradient: Array
+    tie_gradient: Array
     A: Any
     C: Any
     basis: Basis | None
 
 
 class NonlinearProgram(Protocol):
-    r"""A program :math:`\min f(x)` subject to :math:`c_E(x) = 0, \; c_I(x) \le 0`."""
+    r"""A program :math:`\min f(x) + \varphi(x)` subject to :math:`c_E(x) = 0, \; c_I(x) \le 0`."""
 
     @property
     def nonlinear_rows(self) -> npt.NDArray[np.bool_]:
@@ -91,11 +95,11 @@ class NonlinearProgram(Protocol):
         """Values and first derivatives at x."""
 
     def hessian(self, x: Array, y: Array, z: Array, *, convex: bool) -> Any:
-        """Hessian of the Lagrangian f + y.c_E + z.c_I, CSR, shape (n, n).
+        """Hessian of the Lagrangian f + phi + y.c_E + z.c_I, CSR, shape (n, n).
 
         `y` belongs to the equalities that no basis eliminates. With `convex` its blocks are clipped to positive
         semi-definite ones one by one; without, it is exact and in general indefinite.
         """
 
     def optimality_gap(self, x: Array) -> float:
-        """Proven bound on how far f(x) is from the optimum, relative; infinity where nothing is known."""
+        """Proven bound on how far f(x) (without tie breaker) is from the optimum, relative; infinity if nothing is known."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -38,7 +38,7 @@ class SQPSettings:
         deadline: `time.perf_counter()` value after which no new iteration starts; None for none.
     """
 
-    feasibility: float = 1e-8
+    feasibility: float = 2e-7
     optimality: float = 2e-7
     max_iterations: int = 100
     curvature_from: float = 1e-4
@@ -63,6 +63,8 @@ class SQP:
     * A QP without solution is solved again with a slack on its nonlinear rows; if the slack stays although its price
       has grown by orders of magnitude, the point is a stationary point of the violation: INFEASIBLE.
     * A step that is refused to its shortest length is tried once more without curvature, then the run ends.
+    * While the objective stands at its proven bound, any feasible point is as good as another, so the tie breaker is left
+      out and steps are the shortest ones that meet the linearised constraints.
     * It stops at a feasible point when the objective stands at its proven bound, when the Lagrangian's gradient and the
       complementarity products vanish, or when the QP predicts no decrease; never because steps are short: minimum time
       leaves joints with slack undetermined.
@@ -110,9 +112,11 @@ class SQP:
                 return finish(SQPStatus.ITERATION_LIMIT)
             if settings.deadline is not None and time.perf_counter() > settings.deadline:
                 return finish(SQPStatus.TIME_LIMIT)
+            merit.breaks_ties = nlp.optimality_gap(x) > settings.optimality
+            curved = merit.breaks_ties and z[nonlinear].sum() > settings.curvature_from
             subproblem = Subproblem(lin, nonlinear, self.backend, self.fallback)
             accepted = None
-            for curvature in (True, False) if z[nonlinear].sum() > settings.curvature_from else (False,):
+            for curvature in (True, False) if curved else (False,):
                 H = self._hessian(nlp, x, y, z, subproblem, curvature=curvature)
                 step = self._step(subproblem, H, z > 0.0, merit)
                 if not step.solved:
@@ -152,13 +156,14 @@ class SQP:
 
     def _step(self, subproblem: Subproblem, H: Array, previous: Mask, merit: Merit) -> Step:
         """Step of the QP, relaxed if it has no solution, with the penalty weights raised to its multipliers."""
-        step = subproblem.solve(H, previous=previous)
+        gradient = merit.gradient(subproblem.lin)
+        step = subproblem.solve(H, gradient, previous=previous)
         if step.solved:
             merit.raise_weights(step)
             return step
         rho = max(RELAXATION_GROWTH * merit.nu, 10.0)
         while True:
-            step = subproblem.solve(H, previous=previous, relaxation_weight=rho)
+            step = subproblem.solve(H, gradient, previous=previous, relaxation_weight=rho)
             if not step.solved or step.relaxation <= self.settings.feasibility or rho >= LARGEST_RELAXATION:
                 break
             current = float(np.maximum(subproblem.lin.at.inequalities[merit.nonlinear], 0.0).max(initial=0.0))
@@ -188,7 +193,7 @@ class SQP:
         if merit.value(full.at) <= start - slope + noise:
             return x + step.dx, full, 1.0, False
         if full.at.is_finite() and full.at.violation > lin.at.violation:
-            dx = self._corrected(lin, full.at, step, subproblem, H)
+            dx = self._corrected(lin, full.at, step, merit, subproblem, H)
             if dx is not None and merit.value(nlp.evaluate(x + dx)) <= start - slope + noise:
                 return x + dx, nlp.linearize(x + dx), 1.0, True
         length = 0.5
@@ -200,20 +205,19 @@ class SQP:
         return None
 
     def _corrected(
-        self, lin: Linearization, end: Evaluation, step: Step, subproblem: Subproblem, H: Array
+        self, lin: Linearization, end: Evaluation, step: Step, merit: Merit, subproblem: Subproblem, H: Array
     ) -> Array | None:
         """Step whose constraints carry the values found at the end of the refused one."""
-        shifted = Evaluation(lin.at.objective, end.equalities - lin.A @ step.dx, end.inequalities - lin.C @ step.dx)
-        again = Subproblem(
-            Linearization(shifted, lin.gradient, lin.A, lin.C, lin.basis), subproblem.nonlinear, self.backend, self.fallback
-        )
-        correction = again.solve(H, previous=step.z > 0.0)
+        equalities, inequalities = end.equalities - lin.A @ step.dx, end.inequalities - lin.C @ step.dx
+        shifted = replace(lin, at=replace(lin.at, equalities=equalities, inequalities=inequalities))
+        again = Subproblem(shifted, subproblem.nonlinear, self.backend, self.fallback)
+        correction = again.solve(H, merit.gradient(lin), previous=step.z > 0.0)
         return correction.dx if correction.solved else None
 
 
 def _kkt_error(lin: Linearization, y: Array, z: Array) -> float:
     """Lagrangian gradient in the space of free variables (1-norm) and complementarity products (sum)."""
-    gradient = lin.gradient + lin.C.T @ z
+    gradient = lin.gradient + lin.tie_gradient + lin.C.T @ z
     eliminated = 0 if lin.basis is None else lin.basis.eliminated
     gradient = gradient + lin.A[eliminated:].T @ y
     if lin.basis is not None:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 
-from zmp_sqp.arrays import Array
+from zmp_sqp.arrays import Array, Indices
 from zmp_sqp.sqp.backends import QPBackend
 from zmp_sqp.sqp.nlp import Linearization
 from zmp_sqp.sqp.qp import QP, QPSolution
@@ -98,23 +98,22 @@ class Subproblem:
         """Condensed Jacobian of the equalities and of the inequalities with a multiplier."""
         return np.vstack([self._A, self._rows(np.flatnonzero(z > 0.0))])
 
-    def solve(self, H: Any, *, previous: Mask, relaxation_weight: float | None = None) -> Step:
+    def solve(self, H: Any, gradient: Array, *, previous: Mask, relaxation_weight: float | None = None) -> Step:
         """Step with its multipliers.
 
         Args:
             H: Positive semi-definite Hessian: condensed and dense, or sparse if `is_sparse`.
+            gradient: g, shape (n,).
             previous: Rows that were active last time; they start in the working set.
             relaxation_weight: rho; None solves the QP as it is.
         """
         d = self._d
-        g = self.lin.gradient + (H @ d if self._sparse else 0.0)
-        if self._Z is not None:
-            g = self._Z.T @ self.lin.gradient
+        g = gradient + H @ d if self._sparse else gradient if self._Z is None else self._Z.T @ gradient
         elastic = relaxation_weight is not None
         working = (self._u < SCREEN) | previous
         if self._sparse:
             working[:] = True
-        inner, added = 0, working
+        inner, warm = 0, None
         for _ in range(MAX_ROUNDS):
             index = np.flatnonzero(working)
             C = self.lin.C if self._sparse else self._rows(index)
@@ -123,7 +122,7 @@ class Subproblem:
                 self.nonlinear[index],
                 relaxation_weight,
             )
-            solution, solved, count = self._attempt(qp)
+            solution, solved, count = self._attempt(qp, warm)
             inner += count
             t = float(solution.x[-1]) if elastic else 0.0
             move = solution.x[: len(g)]
@@ -134,16 +133,17 @@ class Subproblem:
             if not added.any():
                 break
             working |= added
+            warm = _extended(solution, index, np.flatnonzero(working))
         z = np.zeros(len(self._u))
         z[index] = np.maximum(solution.z[: len(index)], 0.0)
         z[z < 1e-10 * max(1.0, float(z.max(initial=0.0)))] = 0.0  # an interior point leaves dust on inactive rows
         y = solution.y[self._kept_equalities :] if self._sparse else solution.y
         return Step(dx, y, z, max(t, 0.0), solved, solution.backend, inner, len(index))
 
-    def _attempt(self, qp: QP) -> tuple[QPSolution, bool, int]:
+    def _attempt(self, qp: QP, warm: QPSolution | None) -> tuple[QPSolution, bool, int]:
         count = 0
         for backend in self._backends:
-            solution = backend.solve(qp)
+            solution = backend.solve(qp, warm=warm)
             count += solution.iterations
             primal, dual = solution.residuals(qp)
             scale = max(1.0, float(np.abs(qp.g).max(initial=0.0)))
@@ -154,7 +154,7 @@ class Subproblem:
     def _reduce(self, rows: Any) -> Array:
         return np.asarray(rows.toarray() if self._Z is None else rows @ self._Z)
 
-    def _rows(self, index: npt.NDArray[np.intp]) -> Array:
+    def _rows(self, index: Indices) -> Array:
         missing = np.array([i for i in index if i not in self._dense_rows], dtype=np.intp)
         if len(missing):
             for i, row in zip(missing, self._reduce(self.lin.C[missing]), strict=True):
@@ -162,6 +162,14 @@ class Subproblem:
         if len(index) == 0:
             return np.zeros((0, self._A.shape[1]))
         return np.array([self._dense_rows[int(i)] for i in index])
+
+
+def _extended(solution: QPSolution, rows: Indices, more: Indices) -> QPSolution:
+    """The solution as a guess for the QP with more rows, whose multipliers start at zero."""
+    z = np.zeros(len(more) + len(solution.z) - len(rows))  # the relaxation's own row, if any, is the last
+    z[np.searchsorted(more, rows)] = solution.z[: len(rows)]
+    z[len(more) :] = solution.z[len(rows) :]
+    return replace(solution, z=z)
 
 
 def _relaxed(qp: QP, nonlinear: Mask, weight: float | None) -> QP:

@@ -23,8 +23,13 @@ class QPBackend(Protocol):
     def wants_sparse(self) -> bool:
         """Whether it is better served with the sparse multiple-shooting QP than with the condensed one."""
 
-    def solve(self, qp: QP) -> QPSolution:
-        """Solution, converged or not; never raises because of the QP's numbers."""
+    def solve(self, qp: QP, *, warm: QPSolution | None = None) -> QPSolution:
+        """Solution, converged or not; never raises because of the QP's numbers.
+
+        Args:
+            qp: The program.
+            warm: Solution of a nearby QP of the same size, for methods that gain from one.
+        """
 
 
 def make_backend(name: str) -> QPBackend:

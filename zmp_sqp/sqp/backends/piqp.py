@@ -20,7 +20,7 @@ class PIQP:
     name = "piqp"
     wants_sparse = True
 
-    def solve(self, qp: QP) -> QPSolution:
+    def solve(self, qp: QP, *, warm: QPSolution | None = None) -> QPSolution:  # noqa: ARG002
         """Solution, from cold: an interior-point method gains nothing from the last one."""
         solver = piqp.SparseSolver() if qp.is_sparse else piqp.DenseSolver()
         settings = solver.settings

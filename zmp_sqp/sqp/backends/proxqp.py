@@ -23,7 +23,7 @@ class ProxQP:
     name = "proxqp"
     wants_sparse = False
 
-    def solve(self, qp: QP) -> QPSolution:
+    def solve(self, qp: QP, *, warm: QPSolution | None = None) -> QPSolution:
         """Solution by the proximal augmented Lagrangian method of Bambade et al. 2022."""
         H, A, C = (_dense(matrix) for matrix in (qp.H, qp.A, qp.C))
         dense = proxsuite.proxqp.dense
@@ -34,10 +34,14 @@ class ProxQP:
         settings.eps_abs, settings.eps_rel = EPS_ABS, 0.0
         settings.eps_primal_inf = settings.eps_dual_inf = EPS_INFEASIBILITY
         settings.max_iter, settings.max_iter_in = MAX_ITER, MAX_ITER_IN
-        settings.initial_guess = proxsuite.proxqp.InitialGuess.NO_INITIAL_GUESS
         lower, upper = np.maximum(qp.l, -NO_BOUND), np.minimum(qp.u, NO_BOUND)
         solver.init(H, qp.g, A, qp.b, C, lower, upper, False)
-        solver.solve()
+        if warm is None:
+            settings.initial_guess = proxsuite.proxqp.InitialGuess.NO_INITIAL_GUESS
+            solver.solve()
+        else:
+            settings.initial_guess = proxsuite.proxqp.InitialGuess.WARM_START
+            solver.solve(warm.x, warm.y, warm.z)
         results = solver.results
         solved = results.info.status == proxsuite.proxqp.QPSolverOutput.PROXQP_SOLVED
         x, y, z = (np.array(part) for part in (results.x, results.y, results.z))

@@ -41,7 +41,7 @@ class QPSolvers:
         self.name = f"qpsolvers:{solver}"
         self._solver = solver
 
-    def solve(self, qp: QP) -> QPSolution:
+    def solve(self, qp: QP, *, warm: QPSolution | None = None) -> QPSolution:  # noqa: ARG002
         """Solution; a solver's own exception counts as not solved."""
         upper, lower = np.isfinite(qp.u), np.isfinite(qp.l)
         C = sp.csr_matrix(qp.C) if qp.is_sparse else qp.C
