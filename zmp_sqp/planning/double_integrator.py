@@ -10,7 +10,7 @@ from zmp_sqp.arrays import Array
 
 __all__ = ["BangCoastBang", "grid_minimum_time", "grid_profile", "minimum_time"]
 
-BISECTIONS = 60  # halvings until the interval is below rounding
+SMALLEST = 1e-150  # keeps quotients finite
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,10 +66,11 @@ def minimum_time(
 
 
 def grid_minimum_time(distance: Array, *, max_velocity: Array, max_acceleration: Array, intervals: int) -> float:
-    """Least duration of a rest-to-rest motion whose accelerations are constant on each of N equal intervals.
+    r"""Least duration of a rest-to-rest motion whose accelerations are constant on each of N equal intervals.
 
-    The farthest that a joint gets in time T on the grid has node rates min(a t, v, a (T - t)) and grows with T, so its
-    inverse is found by bisection.
+    The farthest that a joint gets with steps h has the node rates min(a h m_k, v), m_k = min(k, N - k). If K of the m_k
+    on either side are below the cap, :math:`D = a K (K + 1) h^2 + v (N - 1 - 2 K) h`; without a cap,
+    :math:`D = a h^2 \lfloor N^2 / 4 \rfloor`. Both grow with h, so the right root is the one whose K fits.
 
     Args:
         distance: Displacements, shape (n,) [rad or m].
@@ -80,24 +81,15 @@ def grid_minimum_time(distance: Array, *, max_velocity: Array, max_acceleration:
     Returns:
         Duration that suffices for every joint and that the slowest one needs [s].
     """
-    low = max(
-        minimum_time(d, max_velocity=v, max_acceleration=a).duration
-        for d, v, a in zip(np.abs(distance), max_velocity, max_acceleration, strict=True)
-    )
-    if low == 0.0:
-        return 0.0
-
-    def reaches(duration: float) -> bool:
-        farthest = _displacement(_rates(duration, max_velocity, max_acceleration, intervals), duration)
-        return bool(np.all(farthest >= np.abs(distance)))
-
-    high = low
-    while not reaches(high):
-        low, high = high, 1.05 * high
-    for _ in range(BISECTIONS):
-        middle = 0.5 * (low + high)
-        low, high = (low, middle) if reaches(middle) else (middle, high)
-    return high
+    size, v, a = np.abs(distance), max_velocity, max_acceleration
+    K = np.arange((intervals - 1) // 2 + 1)[:, None]  # (K, n) below
+    square, linear = a * K * (K + 1), v * (intervals - 1 - 2 * K)
+    capped = 2.0 * size / (linear + np.sqrt(linear**2 + 4.0 * square * size) + SMALLEST)
+    fits = np.floor(v / (a * np.maximum(capped, SMALLEST)) * (1.0 + 1e-12)) == K
+    free = np.sqrt(size / (a * (intervals**2 // 4)))
+    uncapped = a * free * (intervals // 2) <= v * (1.0 + 1e-12)
+    step = np.where(uncapped, free, np.where(fits, capped, 0.0).max(axis=0))
+    return float(intervals * step.max())
 
 
 def grid_profile(distance: Array, duration: float, *, max_velocity: Array, max_acceleration: Array, intervals: int) -> Array:
@@ -113,23 +105,18 @@ def grid_profile(distance: Array, duration: float, *, max_velocity: Array, max_a
     Returns:
         Accelerations, shape (N, n) [rad/s^2 or m/s^2].
     """
-    size = np.abs(distance)
-    low, high = np.zeros_like(size), np.ones_like(size)
-    for _ in range(BISECTIONS):
-        share = 0.5 * (low + high)
-        enough = _displacement(_rates(duration, max_velocity, share * max_acceleration, intervals), duration) >= size
-        low, high = np.where(enough, low, share), np.where(enough, share, high)
-    rates = _rates(duration, max_velocity, high * max_acceleration, intervals)
-    covered = _displacement(rates, duration)
-    rates *= np.divide(size, covered, out=np.zeros_like(size), where=covered > 0.0)  # rounding of the bisection
-    return np.asarray(np.diff(rates, axis=0) * (intervals / duration) * np.sign(distance))
-
-
-def _rates(duration: float, velocity: Array, acceleration: Array, intervals: int) -> Array:
-    elapsed = np.linspace(0.0, duration, intervals + 1)[:, None]
-    return np.minimum(np.minimum(acceleration * elapsed, acceleration * elapsed[::-1]), velocity)
-
-
-def _displacement(rates: Array, duration: float) -> Array:
-    step = duration / (len(rates) - 1)
-    return np.asarray(step * (rates.sum(axis=0) - 0.5 * (rates[0] + rates[-1])))
+    size, v, h = np.abs(distance), max_velocity, duration / intervals
+    K = np.arange(1, (intervals - 1) // 2 + 1)[:, None]
+    free = size / (h**2 * (intervals**2 // 4))
+    gentle = free
+    if len(K):
+        capped = np.maximum((size - v * h * (intervals - 1 - 2 * K)) / (K * (K + 1) * h**2), SMALLEST)
+        fits = np.floor(v / (capped * h) * (1.0 + 1e-12)) == K
+        least = np.where(fits, capped, np.inf).min(axis=0)
+        gentle = np.where(free * h * (intervals // 2) <= v * (1.0 + 1e-12), free, least)
+    gentle = np.minimum(gentle, max_acceleration)
+    count = np.minimum(np.arange(intervals + 1), np.arange(intervals + 1)[::-1])[:, None]
+    rates = np.minimum(gentle * h * count, v)
+    covered = h * rates.sum(axis=0)
+    rates *= np.divide(size, covered, out=np.zeros_like(size), where=covered > 0.0)  # rounding
+    return np.asarray(np.diff(rates, axis=0) / h * np.sign(distance))

@@ -3,34 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import scipy.sparse as sp
 
 from zmp_sqp.arrays import Array, Indices
 
-__all__ = ["JointRows", "Layout"]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class JointRows:
-    """Constant part of the joint rows, with the shares of sqrt(sigma) and sigma in the rate and acceleration rows."""
-
-    matrix: sp.csr_array
-    rate_data: Indices  # where in matrix.data the rate rows' sigma entries stand
-    rate_share: Array
-    acceleration_share: Array
-    half_step: Array
+__all__ = ["Layout", "layout_of"]
 
 
 @dataclass(frozen=True)
 class Layout:
     """Index arithmetic of N intervals, n coordinates and E wrench rows per interval end.
 
-    Variables: positions, rates, accelerations, sigma. Inequalities: wrench rows (starts of all intervals, then
-    ends, then middle control points; E each), accelerations (upper, lower), rates (upper, lower; all nodes), positions at the nodes (upper, lower),
-    middle control points (upper, lower), sigma. Equalities: first state, gaps of q, gaps of w, last state.
+    Variables: positions, rates, accelerations, sigma. Inequalities: wrench rows (starts of all intervals, then ends, then
+    middle control points; E each), accelerations (upper, lower), rates (upper, lower; all nodes), positions at the nodes
+    (upper, lower), middle control points (upper, lower), sigma. Equalities: first state, gaps of q, gaps of w, last state.
     """
 
     N: int
@@ -101,98 +90,95 @@ class Layout:
         sigma = np.full((2 * self.N, 1), self.size - 1)
         return np.hstack([node, node + self.rates.start, interval + self.accelerations.start, sigma])
 
-    def joint_rows(self, *, rate_share: Array, acceleration_share: Array, half_step: Array) -> JointRows:
-        """Rows of accelerations, rates, positions and sigma; constant but for the rates' sigma column."""
-        nodes, intervals = (self.N + 1) * self.n, self.N * self.n
+    @cached_property
+    def _inequality_pattern(self) -> tuple[Indices, Indices]:
+        """Column indices and row pointers of the inequalities' CSR matrix."""
+        touched = np.vstack([self.end_columns, self.end_columns[: self.N]])  # a control point is seen from the start
+        columns = [np.repeat(touched, self.E, axis=0).ravel()]
+        counts = [np.full(self.wrench_rows, 3 * self.n + 1)]
+        q, w, alpha = (np.arange(part.start, part.stop) for part in (self.positions, self.rates, self.accelerations))
+        for part in (alpha, alpha, w, w):
+            columns.append(np.column_stack([part, np.full(len(part), self.size - 1)]).ravel())
+            counts.append(np.full(len(part), 2))
+        columns += [q, q]
+        counts += [np.ones(2 * len(q), dtype=np.intp)]
+        middle = np.column_stack([q[: -self.n], w[: -self.n]]).ravel()
+        columns += [middle, middle, np.array([self.size - 1])]
+        counts += [np.full(2 * self.N * self.n, 2), np.ones(1, dtype=np.intp)]
+        return np.concatenate(columns), np.concatenate([[0], np.cumsum(np.concatenate(counts))])
 
-        def block(at: int, rows: int, sigma: Array | None = None) -> sp.csr_array:
-            left, right = sp.csr_array((rows, at)), sp.csr_array((rows, self.size - 1 - at - rows))
-            column = sp.csr_array((rows, 1)) if sigma is None else sp.csr_array(sigma[:, None])
-            return sp.hstack([left, sp.eye_array(rows), right, column], format="csr")
-
-        q, w, alpha = block(0, nodes), block(self.rates.start, nodes), block(self.accelerations.start, intervals)
-        sigma_of = {rows: sp.csr_array((np.ones(rows), (np.arange(rows), np.full(rows, self.size - 1))), (rows, self.size))
-                    for rows in (nodes, intervals)}  # fmt: skip
-        rate = sp.diags_array(np.tile(rate_share, self.N + 1)) @ sigma_of[nodes]
-        acceleration = sp.diags_array(np.tile(acceleration_share, self.N)) @ sigma_of[intervals]
-        middle = q[: -self.n] + sp.diags_array(np.tile(half_step, self.N)) @ w[: -self.n]
-        last = sp.csr_array(([-1.0], ([0], [self.size - 1])), (1, self.size))
-        parts = [alpha - acceleration, -alpha - acceleration, w - rate, -w - rate, q, -q, middle, -middle, last]
-        matrix = sp.csr_array(sp.vstack(parts, format="csr"))
-        matrix.sort_indices()
-        first = 2 * intervals
-        rate_data = matrix.indptr[first + 1 : first + 2 * nodes + 1] - 1  # sigma is the last column
-        return JointRows(matrix, rate_data, rate_share, acceleration_share, half_step)
-
-    def rate_share(self, rows: JointRows) -> Array:
-        """Shares of sqrt(sigma) in the rate rows, shape (n,)."""
-        return rows.rate_share
-
-    def fill_inequalities(self, slopes: Array, rows: JointRows, root_slope: float) -> sp.csr_array:
+    def inequality_jacobian(
+        self, slopes: Array, *, acceleration_share: Array, rate_slope: Array, half_step: Array
+    ) -> sp.csr_array:
         """Jacobian of the inequalities.
 
         Args:
             slopes: Of the wrench rows at starts, ends and middle control points, shape (3N, E, 3n + 1).
-            rows: Constant joint rows.
-            root_slope: d sqrt(sigma) / d sigma.
+            acceleration_share: Of sigma in the acceleration limits, shape (n,).
+            rate_slope: Derivative of the rate limits by sigma, shape (n,).
+            half_step: What a rate adds to its interval's middle control point, shape (n,).
         """
-        width = 3 * self.n + 1
-        data = rows.matrix.data.copy()
-        data[rows.rate_data] *= root_slope
-        touched = np.vstack([self.end_columns, self.end_columns[: self.N]])  # a control point is seen from the start
-        columns = np.repeat(touched, self.E, axis=0).ravel()
-        pointers = np.arange(1, self.wrench_rows + 1) * width
-        return sp.csr_array(
-            (
-                np.concatenate([slopes.ravel(), data]),
-                np.concatenate([columns, rows.matrix.indices]),
-                np.concatenate([[0], pointers, rows.matrix.indptr[1:] + self.wrench_rows * width]),
-            ),
-            shape=(self.inequalities, self.size),
-        )
+        N, nodes = self.N, self.N + 1
+        parts = [slopes.ravel()]
+        for rows, share in ((N, acceleration_share), (nodes, rate_slope)):
+            limit = np.tile(-share, rows)
+            one = np.ones_like(limit)
+            parts += [np.column_stack([one, limit]).ravel(), np.column_stack([-one, limit]).ravel()]
+        one = np.ones(nodes * self.n)
+        middle = np.column_stack([np.ones(N * self.n), np.tile(half_step, N)]).ravel()
+        parts += [one, -one, middle, -middle, np.array([-1.0])]
+        return self._csr(np.concatenate(parts), self._inequality_pattern, self.inequalities)
 
-    def gap_rows(self, rate_scale: Array, acceleration_scale: Array) -> sp.csr_array:
-        """Equality rows with ones in place of the sigma entries of the first and last rates."""
+    @cached_property
+    def _equality_pattern(self) -> tuple[Indices, Indices]:
+        """Column indices and row pointers of the equalities' CSR matrix."""
         N, n = self.N, self.n
-        eye = sp.eye_array(n)
-        shift = sp.kron(sp.eye_array(N, N + 1, k=1) - sp.eye_array(N, N + 1), eye)
-        here = sp.kron(sp.eye_array(N, N + 1), sp.diags_array(rate_scale / N))
-        push = sp.kron(sp.eye_array(N), sp.diags_array(acceleration_scale / N))
-        slow = sp.kron(sp.eye_array(N), sp.diags_array(acceleration_scale / rate_scale / N))
-        first, last = sp.kron(sp.eye_array(1, N + 1), eye), sp.kron(sp.eye_array(1, N + 1, k=N), eye)
-        ones = sp.csr_array(np.ones((n, 1)))
-        rows = [
-            [first, None, None, None],
-            [None, first, None, ones],
-            [shift, -here, -0.5 / N * push, None],
-            [None, shift, -slow, None],
-            [last, None, None, None],
-            [None, last, None, ones],
-        ]
-        rows[0][3] = sp.csr_array((n, 1))
-        return sp.csr_array(sp.block_array(rows, format="csr"))
+        q, w, alpha = (np.arange(part.start, part.stop) for part in (self.positions, self.rates, self.accelerations))
+        sigma = np.full(n, self.size - 1)
+        columns = [
+            q[:n], np.column_stack([w[:n], sigma]).ravel(),
+            np.column_stack([q[:-n], q[n:], w[:-n], alpha]).ravel(), np.column_stack([w[:-n], w[n:], alpha]).ravel(),
+            q[-n:], np.column_stack([w[-n:], sigma]).ravel(),
+        ]  # fmt: skip
+        counts = np.repeat([1, 2, 4, 3, 1, 2], [n, n, N * n, N * n, n, n])
+        return np.concatenate(columns), np.concatenate([[0], np.cumsum(counts)])
 
-    def fill_equalities(self, gaps: sp.csr_array, first: Array, last: Array) -> sp.csr_array:
-        """Jacobian of the equalities with the sigma entries of the first and last rates set."""
-        data = gaps.data.copy()
-        n = self.n
-        total = gaps.shape[0]
-        data[gaps.indptr[n + 1 : 2 * n + 1] - 1] = first
-        data[gaps.indptr[total - n + 1 : total + 1] - 1] = last
-        return sp.csr_array((data, gaps.indices, gaps.indptr), shape=gaps.shape)
+    def equality_jacobian(
+        self, *, rate_scale: Array, acceleration_scale: Array, first: Array, last: Array
+    ) -> sp.csr_array:
+        """Jacobian of the equalities.
+
+        Args:
+            rate_scale: w per scaled rate, shape (n,).
+            acceleration_scale: alpha per scaled acceleration, shape (n,).
+            first: Derivatives of the first rates' rows by sigma, shape (n,).
+            last: Likewise of the last rates' rows.
+        """
+        N, one = self.N, np.ones(self.n)
+        gap_q = np.column_stack([-one, one, -rate_scale / N, -0.5 * acceleration_scale / N**2]).ravel()
+        gap_w = np.column_stack([-one, one, -acceleration_scale / rate_scale / N]).ravel()
+        boundary = [np.column_stack([one, slope]).ravel() for slope in (first, last)]
+        data = [one, boundary[0], np.tile(gap_q, N), np.tile(gap_w, N), one, boundary[1]]
+        return self._csr(np.concatenate(data), self._equality_pattern, self.eliminated + 2 * self.n)
+
+    @cached_property
+    def _sums(self) -> tuple[Array, Array]:
+        """What unit accelerations add to positions and rates at the nodes, shape (N+1, N) each."""
+        node, control = np.arange(self.N + 1)[:, None], np.arange(self.N)[None, :]
+        earlier = control < node
+        return np.where(earlier, (node - control - 0.5) / self.N**2, 0.0), np.where(earlier, 1.0 / self.N, 0.0)
 
     def basis(self, rate_scale: Array, acceleration_scale: Array) -> Array:
         """Null-space basis of the gaps for a start at rest: sums over the controls, shape (size, N n + 1)."""
         N, n = self.N, self.n
-        node, control = np.arange(N + 1)[:, None], np.arange(N)[None, :]
-        earlier = control < node
+        to_q, to_w = self._sums
         Z = np.zeros((self.size, N * n + 1))
-        to_q, to_w = np.where(earlier, (node - control - 0.5) / N**2, 0.0), np.where(earlier, 1.0 / N, 0.0)
-        Z4 = np.zeros((2, N + 1, n, N, n))
         joints = np.arange(n)
-        Z4[0][:, joints, :, joints] = (to_q[None] * acceleration_scale[:, None, None])
-        Z4[1][:, joints, :, joints] = (to_w[None] * (acceleration_scale / rate_scale)[:, None, None])
-        Z[: self.accelerations.start, :-1] = Z4.reshape(-1, N * n)
+        parts = ((self.positions, to_q, acceleration_scale), (self.rates, to_w, acceleration_scale / rate_scale))
+        for part, sums, scaled in parts:
+            block = np.zeros((N + 1, n, N, n))
+            block[:, joints, :, joints] = sums[None] * scaled[:, None, None]
+            Z[part, :-1] = block.reshape((N + 1) * n, N * n)
         Z[self.free, np.arange(N * n + 1)] = 1.0
         return Z
 
@@ -203,3 +189,12 @@ class Layout:
         rows = np.repeat(columns, width, axis=1).ravel()
         entries = sp.coo_array((blocks.ravel(), (rows, np.tile(columns, (1, width)).ravel())), (self.size, self.size))
         return sp.csr_array(entries + sp.diags_array(diagonal))
+
+    def _csr(self, data: Array, pattern: tuple[Indices, Indices], rows: int) -> sp.csr_array:
+        return sp.csr_array((data, *pattern), shape=(rows, self.size))
+
+
+@lru_cache(maxsize=32)
+def layout_of(N: int, n: int, E: int) -> Layout:
+    """Layout with its patterns, made once per shape of problem."""
+    return Layout(N, n, E)

@@ -9,14 +9,13 @@ import numpy.typing as npt
 import scipy.sparse as sp
 
 from zmp_sqp.arrays import Array
-from zmp_sqp.planning.layout import Layout
+from zmp_sqp.planning.layout import layout_of
 from zmp_sqp.planning.model import StageModel, wrench_curvature
 from zmp_sqp.sqp.nlp import Basis, Evaluation, Linearization
 
 __all__ = ["Boundary", "PathBounds", "Transcription"]
 
 REGULARIZATION = 1e-2  # weight of the mean squared scaled acceleration: picks one of many fastest motions
-FAR = 0.5  # [m] middle control points with more room than this are not differentiated: one step does not get there
 LEAST_NORMAL_FORCE = 0.05  # of the weight: below it the tracks are as good as in the air
 
 
@@ -82,13 +81,10 @@ class Transcription:
         self._rows = np.vstack([bounds.wrench_rows, least]) / (bounds.weight * S)
         self._row_offset = np.zeros(len(self._rows))
         self._row_offset[-1] = LEAST_NORMAL_FORCE
-        self.layout = Layout(intervals, self.n, len(self._rows))
-        self._linear = self.layout.joint_rows(
-            rate_share=bounds.velocity * reference / self.rate_scale,
-            acceleration_share=bounds.acceleration * S / self.acceleration_scale,
-            half_step=0.5 * self.rate_scale / intervals,
-        )
-        self._gaps = self.layout.gap_rows(self.rate_scale, self.acceleration_scale)
+        self.layout = layout_of(intervals, self.n, len(self._rows))
+        self._rate_share = bounds.velocity * reference / self.rate_scale
+        self._acceleration_share = bounds.acceleration * S / self.acceleration_scale
+        self._half_step = 0.5 * self.rate_scale / intervals
         self._basis_Z = self.layout.basis(self.rate_scale, self.acceleration_scale)
         self._start_rate, self._goal_rate = (side.v * reference / self.rate_scale for side in (start, goal))
         self._stage_scale = np.concatenate([np.ones(self.n), self.rate_scale, self.acceleration_scale, [S]])
@@ -125,34 +121,43 @@ class Transcription:
 
     def evaluate(self, x: Array) -> Evaluation:
         """Values at x."""
-        ends = self._ends(x)
-        return self._evaluation(x, self.model.wrench(*ends), self.model.wrench(*self._middles(x)))
+        return self._evaluation(x, self.model.wrench(*self._states(x)))
 
     def linearize(self, x: Array) -> Linearization:
         """Values and first derivatives at x."""
-        *states, S = self._ends(x)
+        N, (*states, S) = self.N, self._states(x)
         wrench, slopes = self.model.wrench_derivatives(*states, S)
-        middles = self._middles(x)
-        at = self._evaluation(x, wrench, self.model.wrench(*middles))
-        slopes = self._rows @ slopes  # (2N, E, 3n + 1)
-        slopes = np.concatenate([slopes, self._middle_slopes(at, slopes, middles)]) * self._stage_scale
+        slopes = self._rows @ slopes  # (3N, E, 3n + 1)
+        last = _seen_from(slopes[N : 2 * N], -1.0 / N, self.n)
+        slopes[2 * N :] = 2.0 * _seen_from(slopes[2 * N :], -0.5 / N, self.n) - 0.5 * (slopes[:N] + last)
+        slopes *= self._stage_scale
         slopes[:, :, -1] += self._row_offset
-        sigma = x[-1]
-        C = self.layout.fill_inequalities(slopes, self._linear, 0.5 / np.sqrt(sigma))
-        boundary = 0.5 / np.sqrt(sigma)
-        A = self.layout.fill_equalities(self._gaps, -boundary * self._start_rate, -boundary * self._goal_rate)
+        root_slope = 0.5 / np.sqrt(x[-1])
+        C = self.layout.inequality_jacobian(
+            slopes,
+            acceleration_share=self._acceleration_share,
+            rate_slope=root_slope * self._rate_share,
+            half_step=self._half_step,
+        )
+        A = self.layout.equality_jacobian(
+            rate_scale=self.rate_scale,
+            acceleration_scale=self.acceleration_scale,
+            first=-root_slope * self._start_rate,
+            last=-root_slope * self._goal_rate,
+        )
         gradient = np.zeros(self.layout.size)
         gradient[-1] = 1.0
         tie_gradient, alpha = np.zeros(self.layout.size), self.layout.accelerations
         tie_gradient[alpha] = REGULARIZATION / (self.N * self.n) * x[alpha]
-        return Linearization(at, gradient, tie_gradient, A, C, self._basis(at.equalities, boundary))
+        at = self._evaluation(x, wrench)
+        return Linearization(at, gradient, tie_gradient, A, C, self._basis(at.equalities, root_slope))
 
     def hessian(self, x: Array, y: Array, z: Array, *, convex: bool) -> sp.csr_array:
         """Hessian of the Lagrangian: the small weight on accelerations, the square roots, the wrench's curvature."""
         layout, sigma = self.layout, x[-1]
         diagonal = np.zeros(layout.size)
         diagonal[layout.accelerations] = REGULARIZATION / (self.N * self.n)
-        roots = z[layout.rate_rows].reshape(2, -1, self.n).sum(axis=(0, 1)) @ layout.rate_share(self._linear)
+        roots = z[layout.rate_rows].reshape(2, -1, self.n).sum(axis=(0, 1)) @ self._rate_share
         roots += y[self.n :] @ self._goal_rate if len(y) else 0.0
         diagonal[-1] = 0.25 * roots / sigma**1.5
         if convex:
@@ -163,7 +168,7 @@ class Transcription:
         active = np.flatnonzero(weights.max(axis=1) > 0.0)
         if not len(active):
             return sp.csr_array(sp.diags_array(diagonal))
-        *states, S = self._ends(x)
+        *states, S = self._states(x)
         blocks = wrench_curvature(self.model, *(part[active] for part in states), S, weights[active] @ self._rows)
         blocks *= self._stage_scale[:, None] * self._stage_scale
         if convex:
@@ -177,41 +182,25 @@ class Transcription:
 
     # --- parts --------------------------------------------------------------------------------
 
-    def _ends(self, x: Array) -> tuple[Array, Array, Array, float]:
-        """States at the starts, then at the ends of all intervals, (2N, n) each, and S."""
-        q, w, alpha, S = self.unpack(x)
-        return np.vstack([q[:-1], q[1:]]), np.vstack([w[:-1], w[1:]]), np.vstack([alpha, alpha]), S
-
-    def _middles(self, x: Array) -> tuple[Array, Array, Array, float]:
-        """States in the middle of all intervals, (N, n) each, and S."""
+    def _states(self, x: Array) -> tuple[Array, Array, Array, float]:
+        """States at the starts, at the ends, in the middle of all intervals, (3N, n) each, and S."""
         q, w, alpha, S = self.unpack(x)
         half = 0.5 / self.N
-        return q[:-1] + half * w[:-1] + 0.5 * half**2 * alpha, w[:-1] + half * alpha, alpha, S
+        middle_q, middle_w = q[:-1] + half * w[:-1] + 0.5 * half**2 * alpha, w[:-1] + half * alpha
+        return np.vstack([q[:-1], q[1:], middle_q]), np.vstack([w[:-1], w[1:], middle_w]), np.vstack([alpha] * 3), S
 
-    def _middle_slopes(self, at: Evaluation, ends: Array, states: tuple[Array, Array, Array, float]) -> Array:
-        """Derivatives of the middle control points by (q, w, alpha, S) of the start, shape (N, E, 3n + 1)."""
-        N, n, half = self.N, self.n, 0.5 / self.N
-        rows = at.inequalities[: self.layout.wrench_rows].reshape(3 * N, -1)[2 * N :]
-        near = np.flatnonzero(rows.max(axis=1) > -FAR)
-        slopes = np.zeros((N, *ends.shape[1:]))
-        if len(near):
-            *part, S = (state[near] if isinstance(state, np.ndarray) else state for state in states)
-            _, middle = self.model.wrench_derivatives(*part, S)
-            first, last = ends[near], _seen_from(ends[N + near], -2.0 * half, n)
-            slopes[near] = 2.0 * _seen_from(self._rows @ middle, -half, n) - 0.5 * (first + last)
-        return slopes
-
-    def _evaluation(self, x: Array, wrench: Array, middle: Array) -> Evaluation:
+    def _evaluation(self, x: Array, wrench: Array) -> Evaluation:
         layout, bounds = self.layout, self.bounds
         q, w, alpha, sigma = layout.split(x)
         root = np.sqrt(sigma) if sigma > 0.0 else np.nan
         rows = wrench @ self._rows.T + sigma * self._row_offset
-        control = 2.0 * (middle @ self._rows.T + sigma * self._row_offset) - 0.5 * (rows[: self.N] + rows[self.N :])
-        limit = self._linear.acceleration_share * sigma
-        rate = self._linear.rate_share * root
-        position_control = q[:-1] + self._linear.half_step * w[:-1]
+        N = self.N
+        rows[2 * N :] = 2.0 * rows[2 * N :] - 0.5 * (rows[:N] + rows[N : 2 * N])
+        limit = self._acceleration_share * sigma
+        rate = self._rate_share * root
+        position_control = q[:-1] + self._half_step * w[:-1]
         inequalities = [
-            rows, control, alpha - limit, -alpha - limit, w - rate, -w - rate, q - bounds.position_upper, bounds.position_lower - q,
+            rows, alpha - limit, -alpha - limit, w - rate, -w - rate, q - bounds.position_upper, bounds.position_lower - q,
             position_control - bounds.position_upper, bounds.position_lower - position_control, self._sigma_min - sigma,
         ]  # fmt: skip
         gap_q = q[1:] - q[:-1] - (self.rate_scale * w[:-1] + 0.5 / self.N * self.acceleration_scale * alpha) / self.N
@@ -222,13 +211,13 @@ class Transcription:
         tie_breaker = 0.5 * REGULARIZATION / (self.N * self.n) * float(np.sum(alpha**2))
         return Evaluation(sigma, tie_breaker, _flat(equalities), _flat(inequalities))
 
-    def _basis(self, equalities: Array, boundary: float) -> Basis:
+    def _basis(self, equalities: Array, root_slope: float) -> Basis:
         layout, n, N = self.layout, self.n, self.N
         Z = self._basis_Z
         if self._start_rate.any():
             Z = Z.copy()
-            Z[layout.rates, -1] = np.tile(boundary * self._start_rate, N + 1)
-            Z[layout.positions, -1] = np.outer(np.arange(N + 1) / N, self.rate_scale * boundary * self._start_rate).ravel()
+            Z[layout.rates, -1] = np.tile(root_slope * self._start_rate, N + 1)
+            Z[layout.positions, -1] = np.outer(np.arange(N + 1) / N, self.rate_scale * root_slope * self._start_rate).ravel()
         gaps = equalities[: layout.eliminated]
         d = np.zeros(layout.size)
         if np.abs(gaps).max() > 0.0:

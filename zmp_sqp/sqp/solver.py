@@ -14,7 +14,7 @@ from zmp_sqp.sqp.curvature import convexified
 from zmp_sqp.sqp.merit import Merit
 from zmp_sqp.sqp.nlp import Evaluation, Linearization, NonlinearProgram
 from zmp_sqp.sqp.result import IterationRecord, SQPResult, SQPStatus
-from zmp_sqp.sqp.subproblem import Mask, Step, Subproblem
+from zmp_sqp.sqp.subproblem import Multipliers, Step, Subproblem
 
 __all__ = ["SQP", "SQPSettings"]
 
@@ -118,7 +118,7 @@ class SQP:
             accepted = None
             for curvature in (True, False) if curved else (False,):
                 H = self._hessian(nlp, x, y, z, subproblem, curvature=curvature)
-                step = self._step(subproblem, H, z > 0.0, merit)
+                step = self._step(subproblem, H, (y, z), merit)
                 if not step.solved:
                     continue
                 if self._is_stationary(lin, step, merit):
@@ -154,7 +154,7 @@ class SQP:
             return condensed + self.settings.floor * np.eye(len(condensed))
         return convexified(condensed, subproblem.active_rows(z), floor=self.settings.floor)
 
-    def _step(self, subproblem: Subproblem, H: Array, previous: Mask, merit: Merit) -> Step:
+    def _step(self, subproblem: Subproblem, H: Array, previous: Multipliers, merit: Merit) -> Step:
         """Step of the QP, relaxed if it has no solution, with the penalty weights raised to its multipliers."""
         gradient = merit.gradient(subproblem.lin)
         step = subproblem.solve(H, gradient, previous=previous)
@@ -211,7 +211,7 @@ class SQP:
         equalities, inequalities = end.equalities - lin.A @ step.dx, end.inequalities - lin.C @ step.dx
         shifted = replace(lin, at=replace(lin.at, equalities=equalities, inequalities=inequalities))
         again = Subproblem(shifted, subproblem.nonlinear, self.backend, self.fallback)
-        correction = again.solve(H, merit.gradient(lin), previous=step.z > 0.0)
+        correction = again.solve(H, merit.gradient(lin), previous=(step.y, step.z))
         return correction.dx if correction.solved else None
 
 

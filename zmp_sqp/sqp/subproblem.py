@@ -17,6 +17,7 @@ from zmp_sqp.sqp.qp import QP, QPSolution
 __all__ = ["Step", "Subproblem"]
 
 Mask = npt.NDArray[np.bool_]
+Multipliers = tuple[Array, Array]
 
 PRIMAL_TOLERANCE = 1e-7  # of a QP solution that is believed, scaled units
 DUAL_TOLERANCE = 1e-5  # likewise
@@ -76,7 +77,8 @@ class Subproblem:
         self._u = -(lin.at.inequalities + lin.C @ self._d)
         if not self._sparse:
             self._A = self._reduce(self._A)
-        self._dense_rows: dict[int, Array] = {}
+        self._slots = np.full(len(self._u), -1)  # where a row's condensed form stands in the stack
+        self._stack = np.zeros((0, self._A.shape[1]))
 
     @property
     def is_sparse(self) -> bool:
@@ -98,22 +100,24 @@ class Subproblem:
         """Condensed Jacobian of the equalities and of the inequalities with a multiplier."""
         return np.vstack([self._A, self._rows(np.flatnonzero(z > 0.0))])
 
-    def solve(self, H: Any, gradient: Array, *, previous: Mask, relaxation_weight: float | None = None) -> Step:
+    def solve(self, H: Any, gradient: Array, *, previous: Multipliers, relaxation_weight: float | None = None) -> Step:
         """Step with its multipliers.
 
         Args:
             H: Positive semi-definite Hessian: condensed and dense, or sparse if `is_sparse`.
             gradient: g, shape (n,).
-            previous: Rows that were active last time; they start in the working set.
+            previous: Multipliers (y, z) of the last QP: the rows that they hold start in the working set.
             relaxation_weight: rho; None solves the QP as it is.
         """
         d = self._d
         g = gradient + H @ d if self._sparse else gradient if self._Z is None else self._Z.T @ gradient
         elastic = relaxation_weight is not None
-        working = (self._u < SCREEN) | previous
+        working = (self._u < SCREEN) | (previous[1] > 0.0)
         if self._sparse:
             working[:] = True
         inner, warm = 0, None
+        if not (elastic or self._sparse) and previous[1].any():
+            warm = QPSolution(np.zeros(len(g)), previous[0], previous[1][working], True, 0, "")
         for _ in range(MAX_ROUNDS):
             index = np.flatnonzero(working)
             C = self.lin.C if self._sparse else self._rows(index)
@@ -155,13 +159,12 @@ class Subproblem:
         return np.asarray(rows.toarray() if self._Z is None else rows @ self._Z)
 
     def _rows(self, index: Indices) -> Array:
-        missing = np.array([i for i in index if i not in self._dense_rows], dtype=np.intp)
+        """Condensed rows of the inequalities, each computed once."""
+        missing = index[self._slots[index] < 0]
         if len(missing):
-            for i, row in zip(missing, self._reduce(self.lin.C[missing]), strict=True):
-                self._dense_rows[int(i)] = row
-        if len(index) == 0:
-            return np.zeros((0, self._A.shape[1]))
-        return np.array([self._dense_rows[int(i)] for i in index])
+            self._slots[missing] = len(self._stack) + np.arange(len(missing))
+            self._stack = np.vstack([self._stack, self._reduce(self.lin.C[missing])])
+        return self._stack[self._slots[index]]
 
 
 def _extended(solution: QPSolution, rows: Indices, more: Indices) -> QPSolution:
