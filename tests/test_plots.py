@@ -1,0 +1,114 @@
+"""Figures: drawn without a display, for any machine, in the paper's axes and colours."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from zmp_sqp.mechanics import SupportPolygon
+from zmp_sqp.planning import Plan, Trajectory, phase_plane, plan
+from zmp_sqp.plots import PLANNER_COLOURS, plot_joints, plot_zmp, sample_times
+from zmp_sqp.scenario import load_scenario
+
+pytest.importorskip("matplotlib")
+
+PNG = b"\x89PNG\r\n\x1a\n"
+
+
+@pytest.fixture(scope="module")
+def planned() -> Plan:
+    return plan(load_scenario("paper_1").problem)
+
+
+@pytest.fixture(scope="module")
+def baseline(planned: Plan) -> Trajectory:
+    return phase_plane(planned.problem.machine, planned.problem.start, planned.problem.goal)
+
+
+def curves(monkeypatch: pytest.MonkeyPatch) -> list:
+    """The figures that are saved from now on, as matplotlib objects."""
+    from matplotlib.figure import Figure
+
+    saved: list = []
+    monkeypatch.setattr(Figure, "savefig", lambda self, path, **_: saved.append(self))
+    return saved
+
+
+def test_figures_are_small_png_files(planned: Plan, baseline: Trajectory, tmp_path: Path) -> None:
+    plot_zmp(planned.problem, {"phase plane": baseline, "full model": planned.trajectory}, tmp_path / "zmp.png")
+    plot_joints(planned.problem.machine, planned.trajectory, str(tmp_path / "joints.png"))
+    for name in ("zmp.png", "joints.png"):
+        content = (tmp_path / name).read_bytes()
+        assert content.startswith(PNG)
+        assert 10_000 < len(content) < 120_000
+
+
+def test_the_ending_of_the_path_chooses_the_format(planned: Plan, tmp_path: Path) -> None:
+    plot_joints(planned.problem.machine, planned.trajectory, tmp_path / "joints.svg")
+    assert b"<svg" in (tmp_path / "joints.svg").read_bytes()
+
+
+def test_the_locus_is_drawn_in_the_papers_axes_and_colours(
+    planned: Plan, baseline: Trajectory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    saved = curves(monkeypatch)
+    plot_zmp(planned.problem, {"phase plane": baseline, "full model": planned.trajectory}, "nowhere.png")
+    [axes] = saved[0].axes
+    lines = {line.get_label(): line for line in axes.get_lines()}
+    polygon = lines["support polygon"].get_xydata()
+    np.testing.assert_allclose(np.abs(polygon), np.tile([1.615, 2.5], (5, 1)))  # 3.23 m wide, 5 m long
+    blind, ours = (lines[f"ZMP locus: {name}"].get_xydata() for name in ("phase plane", "full model"))
+    assert np.nanmin(blind[:, 0]) < -1.615 - 0.3  # leaves to the left, where the ground leans
+    assert np.nanmin(ours[:, 0]) > -1.615 - 1e-3
+    for locus in (blind, ours):
+        assert locus[0, 1] > 0.5 > -0.5 > locus[-2, 1]  # from ahead of the machine to behind it
+    assert lines["ZMP locus: phase plane"].get_color() == PLANNER_COLOURS["phase plane"]
+    assert axes.get_aspect() == 1.0
+
+
+def test_every_joint_has_a_name_and_its_limits_are_dashed(planned: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
+    saved = curves(monkeypatch)
+    plot_joints(planned.problem.machine, planned.trajectory, "nowhere.png")
+    acceleration, rate, angle = saved[0].axes
+    for axes in (acceleration, rate, angle):
+        assert [line.get_label() for line in axes.get_lines()[:5]] == list(planned.trajectory.joint_names)
+    dashed = {round(line.get_ydata()[0], 6) for line in rate.get_lines() if line.get_linestyle() == "--"}
+    assert dashed == {round(-np.pi / 4, 6), round(np.pi / 4, 6)}
+
+
+def test_samples_stay_on_their_side_of_a_jump(planned: Plan) -> None:
+    trajectory = planned.trajectory
+    pieces = sample_times(trajectory)
+    assert len(pieces) == len(trajectory.times) - 1
+    for k, times in enumerate(pieces):
+        assert times[0] == trajectory.times[k]
+        assert trajectory.times[k] < times[-1] < trajectory.times[k + 1]
+        _, _, a = trajectory(times)
+        np.testing.assert_array_equal(a, np.broadcast_to(trajectory.accelerations[k], a.shape))
+
+
+def test_other_planners_get_colours_of_their_own_and_any_polygon_is_drawn(
+    planned: Plan, baseline: Trajectory, tmp_path: Path
+) -> None:
+    from dataclasses import replace
+
+    hexagon = [[np.cos(t), np.sin(t)] for t in np.arange(6) * np.pi / 3]
+    machine = planned.problem.machine.with_support(SupportPolygon(4.0 * np.array(hexagon)))
+    problem = replace(planned.problem, machine=machine)
+    plot_zmp(problem, {"mine": planned.trajectory, "yours": baseline}, tmp_path / "zmp.png")
+    assert (tmp_path / "zmp.png").read_bytes().startswith(PNG)
+
+
+def test_no_figure_leaves_a_trace_in_pyplot(planned: Plan, tmp_path: Path) -> None:
+    plot_joints(planned.problem.machine, planned.trajectory, tmp_path / "joints.png")
+    assert "matplotlib.pyplot" not in sys.modules or not sys.modules["matplotlib.pyplot"].get_fignums()
+
+
+def test_matplotlib_and_rich_are_not_imported_before_they_are_needed() -> None:
+    code = "import sys, zmp_sqp.cli, zmp_sqp.plots; print([m for m in ('matplotlib', 'rich') if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"

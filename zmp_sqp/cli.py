@@ -1,0 +1,182 @@
+"""Command line: `zmp-sqp plan SCENARIO`."""
+
+from __future__ import annotations
+
+import argparse
+import io
+import json
+import os
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from zmp_sqp import __version__
+from zmp_sqp.errors import ZmpSqpError
+from zmp_sqp.planning import Plan, Problem, Trajectory, phase_plane, plan
+from zmp_sqp.plots import joint_unit, plot_joints, plot_zmp
+from zmp_sqp.report import RESULT_KEYS, history_table, joint_table, make_result, summary_table
+from zmp_sqp.scenario import load_scenario, shipped_scenarios
+
+__all__ = ["main"]
+
+DONE, UNSAFE, BAD_INPUT, INTERRUPTED, BROKEN_PIPE = 0, 1, 2, 130, 141
+PLANNERS = {"full": "full model"}  # what figures call a motion by its model
+FILES = ("plan.json", "trajectory.csv", "trajectory.json", "zmp.png", "joints.png")  # what `--out` writes
+
+EXIT_CODES = """\
+exit codes:
+  0  done, and the motion is safe
+  1  no motion was found, or it is unsafe; the diagnosis is printed
+  2  bad input; one sentence on standard error says what
+"""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Args:
+        argv: Arguments without the program's name; None takes those of the process.
+
+    Returns:
+        The exit code: 0 done and safe, 1 unsafe or not solved, 2 bad input.
+    """
+    arguments = _parser().parse_args(argv)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # a title need not be in the terminal's alphabet
+    try:
+        code: int = arguments.run(arguments)
+        sys.stdout.flush()
+        return code
+    except KeyboardInterrupt:
+        return INTERRUPTED
+    except (BrokenPipeError, SystemExit):  # `| head` has read enough; rich makes a SystemExit of it
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the interpreter flushes once more at its exit
+        return BROKEN_PIPE
+    except ZmpSqpError as error:
+        complaint = str(error)
+    except OSError as error:
+        complaint = f"{error.filename}: {error.strerror}" if error.filename else str(error)
+    print(f"zmp-sqp: error: {complaint}", file=sys.stderr)
+    return BAD_INPUT
+
+
+def _parser() -> argparse.ArgumentParser:
+    shipped = "shipped scenarios:\n" + "".join(f"  {name}\n" for name in shipped_scenarios())
+    parser = argparse.ArgumentParser(
+        prog="zmp-sqp",
+        description="Minimum-time motions of heavy mobile manipulators that do not tip over.",
+        epilog=f"examples:\n  zmp-sqp plan paper_1 --out out/paper_1\n  zmp-sqp plan --help\n\n{shipped}\n{EXIT_CODES}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--version", action="version", version=f"zmp-sqp {__version__}")
+    commands = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+
+    command = commands.add_parser(
+        "plan",
+        help="plan the motion of a scenario",
+        description="Plan the motion of a scenario, print what came out, and write trajectory and figures.",
+        epilog=(
+            "examples:\n"
+            "  zmp-sqp plan paper_1 --out out/paper_1      table, trajectory, figures\n"
+            "  zmp-sqp plan my_machine.toml --json -       results for another program\n"
+            "  zmp-sqp plan paper_1 --margin 0.3 --verbose\n\n"
+            f"{shipped}\n{RESULT_KEYS}\n{EXIT_CODES}"
+        ),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    command.set_defaults(run=_plan)
+    command.add_argument("scenario", metavar="SCENARIO", help="a scenario file (TOML), or the name of a shipped one")
+    command.add_argument("--out", type=Path, metavar="DIR", help=f"write {', '.join(FILES)}, in place of old ones")
+    command.add_argument(
+        "--json", metavar="FILE", help="write the results; - is standard output, with nothing else there"
+    )
+    command.add_argument("--qp-solver", metavar="NAME", help="proxqp, piqp or qpsolvers:NAME (default: the scenario's)")
+    command.add_argument("--intervals", type=int, metavar="N", help="of the time grid (default: the scenario's)")
+    command.add_argument("--margin", type=float, metavar="M", help="[m] from ZMP to edges (default: the scenario's)")
+    command.add_argument("--no-figures", dest="figures", action="store_false", help="write no figures")
+    command.add_argument("--verbose", action="store_true", help="print every iteration of the SQP")
+    return parser
+
+
+# --- zmp-sqp plan -----------------------------------------------------------------------------------------------------
+
+
+def _plan(arguments: argparse.Namespace) -> int:
+    from rich.console import Console
+
+    scenario = load_scenario(arguments.scenario)
+    overrides = {key: value for key in ("intervals", "margin") if (value := getattr(arguments, key)) is not None}
+    problem = replace(scenario.problem, **overrides)
+    qp_solver = arguments.qp_solver or scenario.qp_solver
+    if arguments.out is not None:
+        arguments.out.mkdir(parents=True, exist_ok=True)  # fails before the work, not after it
+        for name in FILES:  # nobody shall take the motion of an earlier run for that of a failed one
+            (arguments.out / name).unlink(missing_ok=True)
+
+    found = plan(problem, qp_solver=qp_solver)
+    baseline = _baseline(problem)
+    result = make_result(scenario, found, baseline, qp_solver)
+
+    console = Console(stderr=arguments.json == "-", highlight=False, markup=False)  # [m] is a unit, no markup
+    console.print(f"{scenario.name}: {scenario.title}", style="bold", soft_wrap=True)
+    if arguments.verbose:
+        console.print(history_table(found))
+    console.print(summary_table(result))
+    if found.success:
+        console.print(joint_table(result, joint_unit(problem.machine)))
+    console.print(found.message, style=None if found.success else "bold red", soft_wrap=True)
+    if arguments.out is not None:
+        for line in _write(arguments.out, found, baseline, result, figures=arguments.figures):
+            console.print(line, soft_wrap=True)
+    if arguments.json == "-":
+        print(_dump(result), end="")
+    elif arguments.json is not None:
+        Path(arguments.json).write_text(_dump(result), encoding="utf-8")
+        console.print(f"wrote {arguments.json}", soft_wrap=True)
+    return DONE if found.success else UNSAFE
+
+
+def _baseline(problem: Problem) -> Trajectory | None:
+    """The motion that knows no ZMP; it goes from rest to rest only."""
+    if np.any(problem.start_velocity) or np.any(problem.goal_velocity):
+        return None
+    return phase_plane(problem.machine, problem.start, problem.goal)
+
+
+def _write(
+    folder: Path, found: Plan, baseline: Trajectory | None, result: Mapping[str, Any], *, figures: bool
+) -> Iterator[str]:
+    """Write the files of `--out` one by one; yields a line about each."""
+    (folder / "plan.json").write_text(_dump(result), encoding="utf-8")
+    yield f"wrote {folder / 'plan.json'}"
+    if not found.success:
+        return
+    found.trajectory.to_csv(folder / "trajectory.csv")
+    yield f"wrote {folder / 'trajectory.csv'}"
+    found.trajectory.to_json(folder / "trajectory.json")
+    yield f"wrote {folder / 'trajectory.json'}"
+    if not figures:
+        return
+    try:
+        loci = {} if baseline is None else {"phase plane": baseline}
+        planner = PLANNERS.get(found.problem.model, found.problem.model)
+        plot_zmp(found.problem, loci | {planner: found.trajectory}, folder / "zmp.png")
+        yield f"wrote {folder / 'zmp.png'}"
+        plot_joints(found.problem.machine, found.trajectory, folder / "joints.png")
+        yield f"wrote {folder / 'joints.png'}"
+    except ModuleNotFoundError as missing:
+        if missing.name is None or missing.name.partition(".")[0] != "matplotlib":
+            raise
+        yield "no figures: they need matplotlib, which `pip install zmp-sqp[plots]` brings"
+
+
+def _dump(result: Mapping[str, Any]) -> str:
+    return json.dumps(result, indent=2, allow_nan=False) + "\n"
+
+
+if __name__ == "__main__":
+    sys.exit(main())
