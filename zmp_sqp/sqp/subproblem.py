@@ -21,7 +21,7 @@ Multipliers = tuple[Array, Array]
 
 PRIMAL_TOLERANCE = 1e-7  # of a QP solution that is believed, scaled units
 DUAL_TOLERANCE = 1e-5  # likewise
-SCREEN = 0.1  # rows closer to their bound than this are in the first working set
+SCREEN = 0.05  # rows closer to their bound than this are in the first working set
 ADDED = 1e-9  # rows that a screened solution violates by more join the working set
 MAX_ROUNDS = 12  # of adding violated rows
 
