@@ -9,27 +9,30 @@ import numpy as np
 import scipy.sparse as sp
 
 from zmp_sqp.arrays import Array, Indices
+from zmp_sqp.planning.hold import Hold
 
 __all__ = ["Layout", "layout_of"]
 
 
 @dataclass(frozen=True)
 class Layout:
-    """Index arithmetic of N intervals, n coordinates and E wrench rows per interval end.
+    """Index arithmetic of N intervals, n coordinates, E wrench rows per point, and a hold with c controls per interval.
 
-    Variables: positions, rates, accelerations, sigma. Inequalities: wrench rows (starts of all intervals, then ends, then
-    middle control points; E each), accelerations (upper, lower), rates (upper, lower; all nodes), positions at the nodes
-    (upper, lower), middle control points (upper, lower), sigma. Equalities: first state, gaps of q, gaps of w, last state.
+    Variables: positions, rates (all nodes), controls (interval by interval, c vectors each), sigma. Inequalities: wrench
+    rows (starts of all intervals, then ends, then middle control points; E each), controls (upper, lower), rates (upper,
+    lower; nodes, then the hold's control points), positions (upper, lower; likewise), sigma. Equalities: first state, gaps
+    of q, gaps of w, last state.
     """
 
     N: int
     n: int
     E: int
+    hold: Hold
 
     @property
     def size(self) -> int:
         """Number of variables."""
-        return (3 * self.N + 2) * self.n + 1
+        return (2 * (self.N + 1) + self.hold.controls * self.N) * self.n + 1
 
     @property
     def positions(self) -> slice:
@@ -42,14 +45,14 @@ class Layout:
         return slice((self.N + 1) * self.n, 2 * (self.N + 1) * self.n)
 
     @property
-    def accelerations(self) -> slice:
+    def controls(self) -> slice:
         """Of the variables."""
         return slice(2 * (self.N + 1) * self.n, self.size - 1)
 
     @cached_property
     def free(self) -> Indices:
-        """Accelerations and sigma: what is left when the gaps are eliminated."""
-        return np.arange(self.accelerations.start, self.size)
+        """Controls and sigma: what is left when the gaps are eliminated."""
+        return np.arange(self.controls.start, self.size)
 
     @property
     def eliminated(self) -> int:
@@ -62,124 +65,140 @@ class Layout:
         return 3 * self.N * self.E
 
     @property
-    def inequalities(self) -> int:
-        """Number of inequalities."""
-        return self.wrench_rows + (2 * self.N + 4 * (self.N + 1) + 2 * self.N) * self.n + 1
-
-    @property
     def rate_rows(self) -> slice:
         """Of the inequalities."""
-        first = self.wrench_rows + 2 * self.N * self.n
-        return slice(first, first + 2 * (self.N + 1) * self.n)
+        first = self.wrench_rows + 2 * self.hold.controls * self.N * self.n
+        return slice(first, first + 2 * (self.N + 1 + len(self.hold.rate_points) * self.N) * self.n)
+
+    @property
+    def inequalities(self) -> int:
+        """Number of inequalities."""
+        return self.rate_rows.stop + 2 * (self.N + 1 + len(self.hold.position_points) * self.N) * self.n + 1
 
     def split(self, x: Array) -> tuple[Array, Array, Array, float]:
-        """Scaled (q, w, alpha, sigma)."""
-        shape = (-1, self.n)
-        q, w, alpha = x[self.positions].reshape(shape), x[self.rates].reshape(shape), x[self.accelerations].reshape(shape)
-        return q, w, alpha, float(x[-1])
+        """Scaled (q, w, controls, sigma), shapes (N+1, n), (N+1, n), (N, c, n)."""
+        q, w = x[self.positions].reshape(-1, self.n), x[self.rates].reshape(-1, self.n)
+        return q, w, x[self.controls].reshape(self.N, self.hold.controls, self.n), float(x[-1])
 
-    def join(self, q: Array, w: Array, alpha: Array, sigma: float) -> Array:
+    def join(self, q: Array, w: Array, controls: Array, sigma: float) -> Array:
         """The inverse of `split`."""
-        return np.concatenate([q.ravel(), w.ravel(), alpha.ravel(), [sigma]])
+        return np.concatenate([q.ravel(), w.ravel(), controls.ravel(), [sigma]])
+
+    @cached_property
+    def _columns(self) -> tuple[Indices, Indices, Indices]:
+        """Columns of positions and rates by node, (N+1, n) each, and of controls, (N, c, n)."""
+        index = np.arange(self.size)
+        q, w, controls, _ = self.split(index)
+        return q, w, controls
 
     @cached_property
     def end_columns(self) -> Indices:
-        """Columns (q, w, alpha, sigma) that each interval end touches, shape (2N, 3n + 1)."""
-        node = np.concatenate([np.arange(self.N), np.arange(1, self.N + 1)])[:, None] * self.n + np.arange(self.n)
-        interval = np.tile(np.arange(self.N), 2)[:, None] * self.n + np.arange(self.n)
+        """Columns (q, w, alpha, sigma) that each interval's start, then each end, touches, shape (2N, 3n + 1)."""
+        q, w, controls = self._columns
         sigma = np.full((2 * self.N, 1), self.size - 1)
-        return np.hstack([node, node + self.rates.start, interval + self.accelerations.start, sigma])
+        push = np.vstack([controls[:, 0], controls[:, -1]])
+        return np.hstack([np.vstack([q[:-1], q[1:]]), np.vstack([w[:-1], w[1:]]), push, sigma])
 
     @cached_property
     def _inequality_pattern(self) -> tuple[Indices, Indices]:
         """Column indices and row pointers of the inequalities' CSR matrix."""
-        touched = np.vstack([self.end_columns, self.end_columns[: self.N]])  # a control point is seen from the start
-        columns = [np.repeat(touched, self.E, axis=0).ravel()]
-        counts = [np.full(self.wrench_rows, 3 * self.n + 1)]
-        q, w, alpha = (np.arange(part.start, part.stop) for part in (self.positions, self.rates, self.accelerations))
-        for part in (alpha, alpha, w, w):
-            columns.append(np.column_stack([part, np.full(len(part), self.size - 1)]).ravel())
-            counts.append(np.full(len(part), 2))
-        columns += [q, q]
-        counts += [np.ones(2 * len(q), dtype=np.intp)]
-        middle = np.column_stack([q[: -self.n], w[: -self.n]]).ravel()
-        columns += [middle, middle, np.array([self.size - 1])]
-        counts += [np.full(2 * self.N * self.n, 2), np.ones(1, dtype=np.intp)]
-        return np.concatenate(columns), np.concatenate([[0], np.cumsum(np.concatenate(counts))])
+        q, w, controls = self._columns
+        sigma = self.size - 1
+        middle = np.hstack([q[:-1], w[:-1], controls.reshape(self.N, -1), np.full((self.N, 1), sigma)])
+        rows = [np.repeat(self.end_columns, self.E, axis=0), np.repeat(middle, self.E, axis=0)]
+        limited = [_stack(controls, sigma)] * 2
+        rate = [_stack(w, sigma), *(_stack(w[:-1], controls[:, 0], sigma) for _ in self.hold.rate_points)]
+        place = [q.reshape(-1, 1), *(_stack(q[at], w[at]) for at in self._point_nodes)]
+        blocks = [*rows, *limited, *rate, *rate, *place, *place, np.array([[sigma]])]
+        counts = np.concatenate([np.full(len(block), block.shape[1]) for block in blocks])
+        return np.concatenate([block.ravel() for block in blocks]), np.concatenate([[0], np.cumsum(counts)])
+
+    @cached_property
+    def _point_nodes(self) -> list[slice]:
+        """Nodes whose position and rate make each of the hold's position control points."""
+        return [slice(0, -1) if point > 0.0 else slice(1, None) for point in self.hold.position_points]
 
     def inequality_jacobian(
-        self, slopes: Array, *, acceleration_share: Array, rate_slope: Array, half_step: Array
+        self, ends: Array, middles: Array, *, control_share: Array, rate_slope: Array, rate_scale: Array, control_step: Array
     ) -> sp.csr_array:
         """Jacobian of the inequalities.
 
         Args:
-            slopes: Of the wrench rows at starts, ends and middle control points, shape (3N, E, 3n + 1).
-            acceleration_share: Of sigma in the acceleration limits, shape (n,).
+            ends: Slopes of the wrench rows at starts and ends by (q, w, alpha, sigma), shape (2N, E, 3n + 1).
+            middles: Of the middle control points by (q, w, controls, sigma), shape (N, E, (2 + c) n + 1).
+            control_share: Of sigma in the acceleration limits, shape (n,).
             rate_slope: Derivative of the rate limits by sigma, shape (n,).
-            half_step: What a rate adds to its interval's middle control point, shape (n,).
+            rate_scale: w per scaled rate, shape (n,).
+            control_step: Scaled rate per scaled control and interval, shape (n,).
         """
-        N, nodes = self.N, self.N + 1
-        parts = [slopes.ravel()]
-        for rows, share in ((N, acceleration_share), (nodes, rate_slope)):
-            limit = np.tile(-share, rows)
-            one = np.ones_like(limit)
-            parts += [np.column_stack([one, limit]).ravel(), np.column_stack([-one, limit]).ravel()]
-        one = np.ones(nodes * self.n)
-        middle = np.column_stack([np.ones(N * self.n), np.tile(half_step, N)]).ravel()
-        parts += [one, -one, middle, -middle, np.array([-1.0])]
+        N, c = self.N, self.hold.controls
+        push, rate, reach = (np.tile(part, rows) for part, rows in
+                             ((control_share, N * c), (rate_slope, N + 1), (rate_slope, N)))  # fmt: skip
+        parts = [ends.ravel(), middles.ravel()]
+        parts += [np.column_stack([sign * np.ones_like(push), -push]).ravel() for sign in (1.0, -1.0)]
+        for sign in (1.0, -1.0):
+            parts.append(np.column_stack([sign * np.ones_like(rate), -rate]).ravel())
+            for point in self.hold.rate_points:
+                step = np.tile(sign * point * control_step, N)
+                parts.append(np.column_stack([np.full_like(reach, sign), step, -reach]).ravel())
+        for sign in (1.0, -1.0):
+            parts.append(np.full((N + 1) * self.n, sign))
+            for point in self.hold.position_points:
+                step = np.tile(sign * point * rate_scale / N, N)
+                parts.append(np.column_stack([np.full(N * self.n, sign), step]).ravel())
+        parts.append(np.array([-1.0]))
         return self._csr(np.concatenate(parts), self._inequality_pattern, self.inequalities)
 
     @cached_property
     def _equality_pattern(self) -> tuple[Indices, Indices]:
         """Column indices and row pointers of the equalities' CSR matrix."""
-        N, n = self.N, self.n
-        q, w, alpha = (np.arange(part.start, part.stop) for part in (self.positions, self.rates, self.accelerations))
-        sigma = np.full(n, self.size - 1)
-        columns = [
-            q[:n], np.column_stack([w[:n], sigma]).ravel(),
-            np.column_stack([q[:-n], q[n:], w[:-n], alpha]).ravel(), np.column_stack([w[:-n], w[n:], alpha]).ravel(),
-            q[-n:], np.column_stack([w[-n:], sigma]).ravel(),
+        q, w, controls = self._columns
+        sigma, each = self.size - 1, [controls[:, i] for i in range(self.hold.controls)]
+        blocks = [
+            _stack(q[0]), _stack(w[0], sigma), _stack(q[:-1], q[1:], w[:-1], *each), _stack(w[:-1], w[1:], *each),
+            _stack(q[-1]), _stack(w[-1], sigma),
         ]  # fmt: skip
-        counts = np.repeat([1, 2, 4, 3, 1, 2], [n, n, N * n, N * n, n, n])
-        return np.concatenate(columns), np.concatenate([[0], np.cumsum(counts)])
+        counts = np.concatenate([np.full(len(block), block.shape[1]) for block in blocks])
+        return np.concatenate([block.ravel() for block in blocks]), np.concatenate([[0], np.cumsum(counts)])
 
-    def equality_jacobian(
-        self, *, rate_scale: Array, acceleration_scale: Array, first: Array, last: Array
-    ) -> sp.csr_array:
+    def equality_jacobian(self, *, rate_scale: Array, control_scale: Array, first: Array, last: Array) -> sp.csr_array:
         """Jacobian of the equalities.
 
         Args:
             rate_scale: w per scaled rate, shape (n,).
-            acceleration_scale: alpha per scaled acceleration, shape (n,).
+            control_scale: alpha per scaled control, shape (n,).
             first: Derivatives of the first rates' rows by sigma, shape (n,).
             last: Likewise of the last rates' rows.
         """
         N, one = self.N, np.ones(self.n)
-        gap_q = np.column_stack([-one, one, -rate_scale / N, -0.5 * acceleration_scale / N**2]).ravel()
-        gap_w = np.column_stack([-one, one, -acceleration_scale / rate_scale / N]).ravel()
+        to_q = [-share * control_scale / N**2 for share in self.hold.to_position]
+        to_w = [-share * control_scale / rate_scale / N for share in self.hold.to_rate]
+        gap_q = np.column_stack([-one, one, -rate_scale / N, *to_q]).ravel()
+        gap_w = np.column_stack([-one, one, *to_w]).ravel()
         boundary = [np.column_stack([one, slope]).ravel() for slope in (first, last)]
         data = [one, boundary[0], np.tile(gap_q, N), np.tile(gap_w, N), one, boundary[1]]
         return self._csr(np.concatenate(data), self._equality_pattern, self.eliminated + 2 * self.n)
 
     @cached_property
-    def _sums(self) -> tuple[Array, Array]:
-        """What unit accelerations add to positions and rates at the nodes, shape (N+1, N) each."""
-        node, control = np.arange(self.N + 1)[:, None], np.arange(self.N)[None, :]
-        earlier = control < node
-        return np.where(earlier, (node - control - 0.5) / self.N**2, 0.0), np.where(earlier, 1.0 / self.N, 0.0)
+    def sums(self) -> tuple[Array, Array]:
+        """What unit controls add to positions and rates at the nodes, shape (N+1, N c) each."""
+        node, interval = np.arange(self.N + 1)[:, None, None], np.arange(self.N)[None, :, None]
+        to_q, to_w = np.array(self.hold.to_position), np.array(self.hold.to_rate)
+        since = node - interval - 1  # whole intervals after it
+        q = np.where(since >= 0, (to_q + since * to_w) / self.N**2, 0.0)
+        w = np.where(since >= 0, to_w / self.N, 0.0)
+        return q.reshape(self.N + 1, -1), w.reshape(self.N + 1, -1)
 
-    def basis(self, rate_scale: Array, acceleration_scale: Array) -> Array:
-        """Null-space basis of the gaps for a start at rest: sums over the controls, shape (size, N n + 1)."""
-        N, n = self.N, self.n
-        to_q, to_w = self._sums
-        Z = np.zeros((self.size, N * n + 1))
-        joints = np.arange(n)
-        parts = ((self.positions, to_q, acceleration_scale), (self.rates, to_w, acceleration_scale / rate_scale))
-        for part, sums, scaled in parts:
-            block = np.zeros((N + 1, n, N, n))
-            block[:, joints, :, joints] = sums[None] * scaled[:, None, None]
-            Z[part, :-1] = block.reshape((N + 1) * n, N * n)
-        Z[self.free, np.arange(N * n + 1)] = 1.0
+    def basis(self, rate_scale: Array, control_scale: Array) -> Array:
+        """Null-space basis of the gaps for a start at rest: sums over the controls, shape (size, N c n + 1)."""
+        nodes, n, count = self.N + 1, self.n, self.N * self.hold.controls
+        Z, joints = np.zeros((self.size, count * n + 1)), np.arange(n)
+        scales = (control_scale, control_scale / rate_scale)
+        for part, sums, scale in zip((self.positions, self.rates), self.sums, scales, strict=True):
+            block = np.zeros((nodes, n, count, n))
+            block[:, joints, :, joints] = sums[None] * scale[:, None, None]
+            Z[part, :-1] = block.reshape(nodes * n, count * n)
+        Z[self.free, np.arange(count * n + 1)] = 1.0
         return Z
 
     def hessian(self, diagonal: Array, blocks: Array, ends: Indices) -> sp.csr_array:
@@ -194,7 +213,13 @@ class Layout:
         return sp.csr_array((data, *pattern), shape=(rows, self.size))
 
 
+def _stack(*columns: Indices | int) -> Indices:
+    """One row per entry, with these columns; whole numbers are repeated."""
+    length = np.size(columns[0])
+    return np.column_stack([np.full(length, part) if isinstance(part, int) else part.ravel() for part in columns])
+
+
 @lru_cache(maxsize=32)
-def layout_of(N: int, n: int, E: int) -> Layout:
+def layout_of(N: int, n: int, E: int, hold: Hold) -> Layout:
     """Layout with its patterns, made once per shape of problem."""
-    return Layout(N, n, E)
+    return Layout(N, n, E, hold)

@@ -15,13 +15,14 @@ from zmp_sqp.mechanics.ground import GRAVITY
 from zmp_sqp.planning.answer import Plan, Status
 from zmp_sqp.planning.double_integrator import grid_minimum_time
 from zmp_sqp.planning.guess import initial_guess, kinematic_lower_bound
+from zmp_sqp.planning.hold import CONSTANT, LINEAR, slope_ties
 from zmp_sqp.planning.model import ArmModel
 from zmp_sqp.planning.problem import Problem
 from zmp_sqp.planning.trajectory import Trajectory
 from zmp_sqp.planning.transcription import Boundary, PathBounds, Transcription
 from zmp_sqp.planning.verification import Verification, verify
 from zmp_sqp.sqp.backends import make_backend
-from zmp_sqp.sqp.result import IterationRecord, SQPStatus
+from zmp_sqp.sqp.result import IterationRecord, SQPResult, SQPStatus
 from zmp_sqp.sqp.solver import SQP, SQPSettings
 
 __all__ = ["plan"]
@@ -32,6 +33,8 @@ LIMIT_GUARD = 1e-8  # relative, likewise for the joint limits
 LIMIT_TOLERANCE = 1e-9  # largest excess over a joint limit of a plan
 UNBOUNDED = 1e4  # [rad or m] stands for a position limit that is infinite
 MAX_TIGHTENINGS = 6
+REFINEMENTS = 15  # iterations with linear accelerations; what is not feasible by then is dropped
+FEW_CONTROLS = 120  # up to so many, each interval's slope is free; beyond, it follows from its neighbours
 OUTCOMES = {
     SQPStatus.OPTIMAL: Status.OPTIMAL,
     SQPStatus.BOUND_REACHED: Status.FASTEST_POSSIBLE,
@@ -76,6 +79,7 @@ def plan(
     backend = make_backend(qp_solver)
     fallback = make_backend(FALLBACK) if qp_solver != FALLBACK else None
     sqp = SQP(backend, fallback, SQPSettings(deadline=deadline), progress)
+    finisher = SQP(backend, fallback, SQPSettings(deadline=deadline, max_iterations=REFINEMENTS), progress)
 
     start, goal = Boundary(problem.start, problem.start_velocity), Boundary(problem.goal, problem.goal_velocity)
     model = ArmModel(problem.machine, problem.ground.gravity())
@@ -85,14 +89,30 @@ def plan(
         return _already_there(problem, qp_solver, started)
     least = max(kinematic_lower_bound(start, goal, bounds), _grid_bound(problem, bounds))
     bounds = replace(bounds, least_duration=least)
-    alpha, duration = initial_guess(
-        model, start, goal, bounds, intervals=problem.intervals, least_duration=least
-    )
-    x, history, tightened = None, [], 0.0
+    alpha, duration = initial_guess(model, start, goal, bounds, intervals=problem.intervals, least_duration=least)
+    history: list[IterationRecord] = []
+
+    def solve(bounds: PathBounds, controls: Array, S: float, ties: Any = None) -> tuple[Transcription, SQPResult]:
+        hold = CONSTANT if controls.shape[1] == 1 else LINEAR
+        nlp = Transcription(
+            model, start, goal, bounds, intervals=problem.intervals, reference=duration, hold=hold, ties=ties
+        )
+        result = (sqp if hold is CONSTANT else finisher).minimize(nlp, nlp.pack(controls, S))
+        history.extend(result.history)
+        return nlp, result
+
+    nlp, result = solve(bounds, alpha[:, None], duration**2)
+    ties = None
+    if result.status is SQPStatus.OPTIMAL:  # the ZMP costs time: let the accelerations follow it within the intervals
+        controls, S = nlp.unpack(result.x)[2:]
+        looser = replace(bounds, least_duration=lower_bound)  # the grid's bound is one of constant accelerations
+        ties = slope_ties(controls[:, 0]) if controls.size > FEW_CONTROLS else None
+        spread = np.repeat(controls, 2, axis=1) if ties is None else (ties @ controls.ravel()).reshape(-1, 2, controls.shape[2])
+        refined = solve(looser, spread, S, ties)
+        if refined[1].status.is_feasible and refined[0].unpack(refined[1].x)[3] <= S:
+            (nlp, result), bounds = refined, looser
+    tightened = 0.0
     for _ in range(MAX_TIGHTENINGS):
-        nlp = Transcription(model, start, goal, bounds, intervals=problem.intervals, reference=duration)
-        result = sqp.minimize(nlp, nlp.pack(alpha, duration**2) if x is None else x)
-        history += result.history
         attempt = _trajectory(problem, nlp, result.x)
         checked = verify(problem.machine, attempt, problem.ground)
         status = OUTCOMES.get(result.status, Status.FAILED)
@@ -100,8 +120,8 @@ def plan(
             break
         status = Status.UNSAFE_BETWEEN_NODES  # unless the next round mends it
         tightened += 1.5 * max(problem.margin - checked.margin, GUARD)
-        bounds = replace(_bounds(problem, tightened=tightened), least_duration=least)
-        x = result.x
+        drawn_in = replace(_bounds(problem, tightened=tightened), least_duration=bounds.least_duration)
+        nlp, result = solve(drawn_in, *nlp.unpack(result.x)[2:], ties if nlp.hold is LINEAR else None)
     return Plan(
         problem=problem,
         status=status,
@@ -156,15 +176,18 @@ def _grid_bound(problem: Problem, bounds: PathBounds) -> float:
 
 def _trajectory(problem: Problem, nlp: Transcription, x: Array) -> Trajectory:
     """The motion in seconds: it arrives to the last digit, and no limit is missed by rounding."""
-    q, w, alpha, S = nlp.arrived(x)
+    q, w, controls, S = nlp.arrived(x)
     limits = problem.machine.limits
-    rates, pushes = np.abs(w) / limits.velocity, np.abs(alpha) / limits.acceleration
+    rates, pushes = np.abs(w) / limits.velocity, np.abs(controls) / limits.acceleration
     needed = max(float(rates.max()), float(np.sqrt(pushes.max())))  # the duration at which no limit is exceeded
     duration = np.sqrt(S)
     if duration < needed <= duration * (1.0 + 1e-7):
         duration = needed
     times = np.linspace(0.0, duration, problem.intervals + 1)
-    return Trajectory(problem.machine.joint_names, times, q, w / duration, alpha / duration**2)
+    start, end = (nlp.hold.shapes(s)[0] for s in (0.0, 1.0))
+    pushes = [np.einsum("c,kcn->kn", shape, controls) / duration**2 for shape in (start, end)]
+    jerks = (pushes[1] - pushes[0]) * (problem.intervals / duration)
+    return Trajectory(problem.machine.joint_names, times, q, w / duration, pushes[0], jerks)
 
 
 def _is_safe(checked: Verification, problem: Problem) -> bool:

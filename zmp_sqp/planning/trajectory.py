@@ -1,4 +1,4 @@
-"""A motion with piecewise constant accelerations: exact between its nodes."""
+"""A motion with piecewise linear accelerations: exact between its nodes."""
 
 from __future__ import annotations
 
@@ -10,26 +10,29 @@ from typing import Any
 
 import numpy as np
 
-from zmp_sqp.arrays import Array, frozen_array
+from zmp_sqp.arrays import Array, Indices, frozen_array
 from zmp_sqp.errors import TrajectoryError
 from zmp_sqp.mechanics.machine import Machine
 
 __all__ = ["Trajectory"]
 
 CONSISTENCY = 1e-6  # [rad or m, and per second] how far a file's positions may be from what its accelerations give
-QUANTITIES = ("position", "velocity", "acceleration")
+QUANTITIES = ("position", "velocity", "acceleration", "jerk")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
-    """Joint motion over nodes t_0 = 0 < ... < t_N; from node k on, acceleration k holds until node k + 1.
+    """Joint motion over nodes t_0 = 0 < ... < t_N.
+
+    From node k until node k + 1 the acceleration is a_k + j_k (t - t_k); it may jump at the nodes.
 
     Attributes:
         joint_names: The n joints.
         times: Nodes, shape (N+1,) [s].
         positions: At the nodes, shape (N+1, n) [rad or m].
         velocities: At the nodes, shape (N+1, n) [rad/s or m/s].
-        accelerations: On the intervals, shape (N, n) [rad/s^2 or m/s^2].
+        accelerations: At the starts of the intervals, shape (N, n) [rad/s^2 or m/s^2].
+        jerks: On the intervals, shape (N, n) [rad/s^3 or m/s^3]; None for piecewise constant accelerations.
 
     Raises:
         TrajectoryError: Shapes differ, entries are not finite, times do not grow from 0, or positions and velocities are
@@ -41,6 +44,7 @@ class Trajectory:
     positions: Array
     velocities: Array
     accelerations: Array
+    jerks: Any = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joint_names", tuple(self.joint_names))
@@ -48,7 +52,9 @@ class Trajectory:
         count, n = len(times), len(self.joint_names)
         if count < 2:
             raise TrajectoryError(f"a trajectory needs at least 2 nodes, not {count}")
-        shapes = {"positions": count, "velocities": count, "accelerations": count - 1}
+        if self.jerks is None:
+            object.__setattr__(self, "jerks", np.zeros((count - 1, n)))
+        shapes = {"positions": count, "velocities": count, "accelerations": count - 1, "jerks": count - 1}
         for name, rows in shapes.items():
             array = frozen_array(getattr(self, name), name=name, shape=(rows, n), error=TrajectoryError)
             object.__setattr__(self, name, array)
@@ -59,15 +65,21 @@ class Trajectory:
         self._check_consistency(steps[:, None])
 
     def _check_consistency(self, h: Array) -> None:
-        rates = self.velocities[:-1] + h * self.accelerations
-        places = self.positions[:-1] + h * self.velocities[:-1] + 0.5 * h**2 * self.accelerations
+        places, rates, _ = self._after(np.arange(self.intervals), h)
         for name, gap in (("velocities", self.velocities[1:] - rates), ("positions", self.positions[1:] - places)):
             worst = np.unravel_index(np.argmax(np.abs(gap)), gap.shape)
             if abs(gap[worst]) > CONSISTENCY:
                 raise TrajectoryError(
                     f"{name} do not follow from the accelerations: node {int(worst[0]) + 1}, joint "
-                    f"{self.joint_names[worst[1]]!r} is off by {gap[worst]:.3g} (accelerations hold from node to node)"
+                    f"{self.joint_names[worst[1]]!r} is off by {gap[worst]:.3g} (accelerations run linearly from node to node)"
                 )
+
+    def _after(self, k: Indices, since: Array) -> tuple[Array, Array, Array]:
+        """State at times `since`, shape (K, 1), after the nodes k, shape (K,)."""
+        a, j = self.accelerations[k], self.jerks[k]
+        v = self.velocities[k] + since * a + 0.5 * since**2 * j
+        q = self.positions[k] + since * self.velocities[k] + 0.5 * since**2 * a + since**3 * j / 6.0
+        return q, v, a + since * j
 
     @property
     def duration(self) -> float:
@@ -100,24 +112,36 @@ class Trajectory:
             raise TrajectoryError(f"t = {outside:.6g} s is outside the trajectory, which lasts {self.duration:.6g} s")
         k = np.clip(np.searchsorted(self.times, when, side="right") - 1, 0, self.intervals - 1)
         since = (np.clip(when, 0.0, self.duration) - self.times[k])[:, None]
-        a = self.accelerations[k]
-        v = self.velocities[k] + since * a
-        q = self.positions[k] + since * self.velocities[k] + 0.5 * since**2 * a
+        q, v, a = self._after(k, since)
         return (q[0], v[0], a[0]) if shape == () else (q, v, a)
 
-    def interval_ends(self) -> tuple[Array, Array, Array]:
-        """States at the start, then at the end of every interval, with that interval's acceleration: (2N, n) each."""
-        q, v, a = self.positions, self.velocities, self.accelerations
-        return np.vstack([q[:-1], q[1:]]), np.vstack([v[:-1], v[1:]]), np.vstack([a, a])
+    @property
+    def end_accelerations(self) -> Array:
+        """Accelerations at the ends of the intervals, shape (N, n) [rad/s^2 or m/s^2]."""
+        return np.asarray(self.accelerations + np.diff(self.times)[:, None] * self.jerks)
+
+    def within(self, shares: Array) -> tuple[Array, Array, Array, Array]:
+        """States inside every interval, each with that interval's own acceleration.
+
+        Args:
+            shares: Of each interval gone by, shape (s,), from 0 to 1.
+
+        Returns:
+            (t, q, v, a), shapes (N s,) and (N s, n), interval by interval.
+        """
+        since = np.outer(np.diff(self.times), shares)
+        k = np.repeat(np.arange(self.intervals), len(shares))
+        return ((self.times[:-1, None] + since).ravel(), *self._after(k, since.reshape(-1, 1)))
 
     def to_csv(self, path: str | Path) -> None:
-        """One row per node: time, then position, velocity and acceleration of every joint; 17 digits, SI units.
+        """One row per node: time, then position, velocity, acceleration and jerk of every joint; 17 digits, SI units.
 
-        The last row repeats the last interval's acceleration.
+        Acceleration and jerk are those of the interval that begins there; the last row holds the final acceleration.
         """
         header = ["time", *(f"{joint}.{quantity}" for quantity in QUANTITIES for joint in self.joint_names)]
-        accelerations = np.vstack([self.accelerations, self.accelerations[-1:]])
-        table = np.column_stack([self.times, self.positions, self.velocities, accelerations])
+        accelerations = np.vstack([self.accelerations, self.end_accelerations[-1:]])
+        jerks = np.vstack([self.jerks, self.jerks[-1:]])
+        table = np.column_stack([self.times, self.positions, self.velocities, accelerations, jerks])
         with Path(path).open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
             writer.writerow(header)
@@ -125,7 +149,7 @@ class Trajectory:
 
     def to_json(self, path: str | Path) -> None:
         """The fields of ROS's trajectory_msgs/JointTrajectory, plus nothing: joint_names and points."""
-        accelerations = np.vstack([self.accelerations, self.accelerations[-1:]])
+        accelerations = np.vstack([self.accelerations, self.end_accelerations[-1:]])
         points = []
         for time, *rows in zip(self.times, self.positions, self.velocities, accelerations, strict=True):
             seconds, nanoseconds = divmod(round(float(time) * 1e9), 1_000_000_000)
@@ -138,7 +162,7 @@ class Trajectory:
 
     @classmethod
     def from_csv(cls, path: str | Path, machine: Machine) -> Trajectory:
-        """Trajectory from a file as `to_csv` writes it; columns may come in any order.
+        """Trajectory from a file as `to_csv` writes it; columns may come in any order, jerks may be left out (zero).
 
         Raises:
             TrajectoryError: The file cannot be read, lacks a column of one of the machine's joints, has one that the machine
@@ -152,6 +176,8 @@ class Trajectory:
         except (OSError, UnicodeDecodeError, csv.Error) as cause:
             raise TrajectoryError(f"cannot read {path}: {cause}") from None
         header = [name.strip() for name in rows[0]] if rows else []
+        if not any(column.endswith(f".{QUANTITIES[3]}") for column in header):
+            wanted = wanted[: 1 + 3 * len(names)]
         for column in wanted:
             if header.count(column) != 1:
                 raise TrajectoryError(f"{path}: column {column!r} must be there once, but is there {header.count(column)} times")
@@ -166,5 +192,5 @@ class Trajectory:
                 raise TrajectoryError(f"{path}: row {number + 2} is not {len(header)} numbers: {cause}") from None
         table = table[:, [header.index(column) for column in wanted]]
         n = len(names)
-        position, velocity, acceleration = (table[:, 1 + i * n : 1 + (i + 1) * n] for i in range(3))
-        return cls(names, table[:, 0], position, velocity, acceleration[:-1])
+        position, velocity, acceleration, jerk = (table[:, 1 + i * n : 1 + (i + 1) * n] for i in range(4))
+        return cls(names, table[:, 0], position, velocity, acceleration[:-1], jerk[:-1] if jerk.size else None)

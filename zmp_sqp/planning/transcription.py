@@ -9,6 +9,7 @@ import numpy.typing as npt
 import scipy.sparse as sp
 
 from zmp_sqp.arrays import Array
+from zmp_sqp.planning.hold import CONSTANT, Hold
 from zmp_sqp.planning.layout import layout_of
 from zmp_sqp.planning.model import StageModel, wrench_curvature
 from zmp_sqp.sqp.nlp import Basis, Evaluation, Linearization
@@ -48,74 +49,85 @@ class PathBounds:
 
 
 class Transcription:
-    r"""Nonlinear program over x = (q_0..q_N, w_0..w_N, alpha_0..alpha_{N-1}, sigma).
+    r"""Nonlinear program over x = (q_0..q_N, w_0..w_N, controls of the N intervals, sigma).
 
     .. math::
-        \min \sigma + \tfrac{\epsilon}{2 N n} \sum |\alpha_k|^2, \quad
-        q_{k+1} = q_k + h w_k + \tfrac{h^2}{2} \alpha_k, \; w_{k+1} = w_k + h \alpha_k, \quad
-        |w_k| \le v \sqrt{S}, \; |\alpha_k| \le a S
+        \min \sigma + \tfrac{\epsilon}{2 N c n} \sum |u_k|^2, \quad
+        q_{k+1} = q(1; q_k, w_k, u_k), \; w_{k+1} = w(1; w_k, u_k), \quad
+        |w_k| \le v \sqrt{S}, \; |u_k| \le a S
 
-    with h = 1/N, S = T^2 = sigma S_ref, boundary rates v_0 sqrt(S) and v_f sqrt(S). The joint chain does not contain T.
+    with h = 1/N, S = T^2 = sigma S_ref, boundary rates v_0 sqrt(S) and v_f sqrt(S), and the motion within an interval as
+    its `Hold` says. The joint chain does not contain T.
 
     Rows of the wrench (an edge of the polygon, or the least normal force) hold at both ends of every interval, because
     the acceleration jumps at the nodes, and at the middle Bernstein control point 2 c(1/2) - (c(0) + c(1)) / 2 of the
-    parabola through start, middle and end, so that this parabola keeps the bound everywhere. Positions, which are
-    parabolas, hold at the nodes and at their control points q_k + h w_k / 2. All variables are scaled to order one.
+    parabola through start, middle and end, so that this parabola keeps the bound everywhere. Rates and positions are
+    polynomials and hold at their Bernstein points: everywhere. All variables are scaled to order one.
 
-    Sparsity of a wrench row of interval k, start: columns q_k, w_k, alpha_k, sigma; end: q_{k+1}, w_{k+1}, alpha_k, sigma.
+    Sparsity of a wrench row of interval k: start q_k, w_k, u_k (first), sigma; end q_{k+1}, w_{k+1}, u_k (last), sigma;
+    middle q_k, w_k, u_k (all), sigma.
     """
 
     def __init__(
-        self, model: StageModel, start: Boundary, goal: Boundary, bounds: PathBounds, *, intervals: int, reference: float
-    ) -> None:
-        """Transcribe; `reference` is the duration of the initial guess, which scales time [s]."""
-        self.model, self.start, self.goal, self.bounds = model, start, goal, bounds
+        self, model: StageModel, start: Boundary, goal: Boundary, bounds: PathBounds, *, intervals: int, reference: float,
+        hold: Hold = CONSTANT, ties: sp.csr_array | None = None,
+    ) -> None:  # fmt: skip
+        """Transcribe.
+
+        Args:
+            model, start, goal, bounds, intervals, hold: As above.
+            reference: Duration of the initial guess, which scales time [s].
+            ties: Map from fewer free variables to the controls, shape (N c n, r); None leaves every control free.
+        """
+        self.model, self.start, self.goal, self.bounds, self.hold = model, start, goal, bounds, hold
         self.N, self.n, self.reference = intervals, model.size, reference
         S = reference**2
         reach = np.maximum(np.abs(goal.q - start.q), 1.0)
         self.rate_scale = np.minimum(bounds.velocity * reference, 5.0 * reach)
-        self.acceleration_scale = np.minimum(bounds.acceleration * S, 10.0 * reach)
+        self.control_scale = np.minimum(bounds.acceleration * S, 10.0 * reach)
         least = np.zeros((1, 6))
         least[0, 2] = -1.0
         # [m] once divided by the weight; the normal-force row has the force's share of the weight as its "metre"
         self._rows = np.vstack([bounds.wrench_rows, least]) / (bounds.weight * S)
         self._row_offset = np.zeros(len(self._rows))
         self._row_offset[-1] = LEAST_NORMAL_FORCE
-        self.layout = layout_of(intervals, self.n, len(self._rows))
+        self.layout = layout_of(intervals, self.n, len(self._rows), hold)
         self._rate_share = bounds.velocity * reference / self.rate_scale
-        self._acceleration_share = bounds.acceleration * S / self.acceleration_scale
-        self._half_step = 0.5 * self.rate_scale / intervals
-        self._basis_Z = self.layout.basis(self.rate_scale, self.acceleration_scale)
+        self._control_share = bounds.acceleration * S / self.control_scale
+        self._control_step = self.control_scale / self.rate_scale / intervals
+        self._basis_Z, self._free = self.layout.basis(self.rate_scale, self.control_scale), self.layout.free
+        if ties is not None:
+            self._basis_Z = np.hstack([self._basis_Z[:, :-1] @ ties, self._basis_Z[:, -1:]])
+            self._free = self._free[:0]
         self._start_rate, self._goal_rate = (side.v * reference / self.rate_scale for side in (start, goal))
-        self._stage_scale = np.concatenate([np.ones(self.n), self.rate_scale, self.acceleration_scale, [S]])
+        self._stage_scale = np.concatenate([np.ones(self.n), self.rate_scale, self.control_scale, [S]])
         self._sigma_min = (bounds.least_duration / reference) ** 2
+        self._tie_weight = REGULARIZATION / (intervals * hold.controls * self.n)
         self.nonlinear_rows: npt.NDArray[np.bool_] = np.arange(self.layout.inequalities) < self.layout.wrench_rows
 
     # --- points -------------------------------------------------------------------------------
 
-    def pack(self, alpha: Array, S: float) -> Array:
-        """Point with accelerations T^2 a (N, n) and squared duration S [s^2] whose shooting gaps are closed."""
-        layout, sigma = self.layout, S / self.reference**2
-        w = self._start_rate * np.sqrt(sigma) * self.rate_scale + np.vstack([np.zeros(self.n), np.cumsum(alpha, axis=0)]) / self.N
-        moved = (w[:-1] + 0.5 * alpha / self.N) / self.N
-        q = self.start.q + np.vstack([np.zeros(self.n), np.cumsum(moved, axis=0)])
-        return layout.join(q, w / self.rate_scale, alpha / self.acceleration_scale, sigma)
+    def pack(self, controls: Array, S: float) -> Array:
+        """Point with controls (N, c, n) [T^2 a] and squared duration S [s^2] whose shooting gaps are closed."""
+        sigma, flat = S / self.reference**2, controls.reshape(-1, self.n)
+        to_q, to_w = self.layout.sums
+        first = self.start.v * np.sqrt(S)
+        q = self.start.q + np.linspace(0.0, 1.0, self.N + 1)[:, None] * first + to_q @ flat
+        return self.layout.join(q, (first + to_w @ flat) / self.rate_scale, controls / self.control_scale, sigma)
 
     def unpack(self, x: Array) -> tuple[Array, Array, Array, float]:
-        """Unscaled (q, w, alpha, S), shapes (N+1, n), (N+1, n), (N, n), scalar [rad, s^2]."""
-        q, w, alpha, sigma = self.layout.split(x)
-        return q, w * self.rate_scale, alpha * self.acceleration_scale, sigma * self.reference**2
+        """Unscaled (q, w, controls, S), shapes (N+1, n), (N+1, n), (N, c, n), scalar [rad, s^2]."""
+        q, w, controls, sigma = self.layout.split(x)
+        return q, w * self.rate_scale, controls * self.control_scale, sigma * self.reference**2
 
     def arrived(self, x: Array) -> tuple[Array, Array, Array, float]:
-        """As `unpack`, with gaps closed and the goal met to rounding by the smallest change of the accelerations."""
-        _, _, alpha, S = self.unpack(x)
-        T, N = np.sqrt(S), self.N
-        to_q, to_w = (N - np.arange(N) - 0.5) / N**2, np.full(N, 1.0 / N)
-        sums = np.vstack([to_q, to_w])
+        """As `unpack`, with gaps closed and the goal met to rounding by the smallest change of the controls."""
+        _, _, controls, S = self.unpack(x)
+        T, flat = np.sqrt(S), controls.reshape(-1, self.n)
+        sums = np.vstack([part[-1] for part in self.layout.sums])  # (2, N c)
         wanted = np.vstack([self.goal.q - self.start.q - self.start.v * T, (self.goal.v - self.start.v) * T])
-        alpha = alpha + sums.T @ np.linalg.solve(sums @ sums.T, wanted - sums @ alpha)
-        q, w, alpha, S = self.unpack(self.pack(alpha, S))
-        return q, w, alpha, S
+        flat = flat + sums.T @ np.linalg.solve(sums @ sums.T, wanted - sums @ flat)
+        return self.unpack(self.pack(flat.reshape(controls.shape), S))
 
     # --- the nonlinear program ----------------------------------------------------------------
 
@@ -125,30 +137,31 @@ class Transcription:
 
     def linearize(self, x: Array) -> Linearization:
         """Values and first derivatives at x."""
-        N, (*states, S) = self.N, self._states(x)
+        N, layout, (*states, S) = self.N, self.layout, self._states(x)
         wrench, slopes = self.model.wrench_derivatives(*states, S)
         slopes = self._rows @ slopes  # (3N, E, 3n + 1)
-        last = _seen_from(slopes[N : 2 * N], -1.0 / N, self.n)
-        slopes[2 * N :] = 2.0 * _seen_from(slopes[2 * N :], -0.5 / N, self.n) - 0.5 * (slopes[:N] + last)
-        slopes *= self._stage_scale
-        slopes[:, :, -1] += self._row_offset
+        slopes[:, :, -1] += self._row_offset / self.reference**2
+        start, end, middle = (self._from_start(slopes[i * N : (i + 1) * N], s) for i, s in ((0, 0.0), (1, 1.0), (2, 0.5)))
+        scale = np.concatenate([np.ones(self.n), self.rate_scale, np.tile(self.control_scale, self.hold.controls)])
+        middles = (2.0 * middle - 0.5 * (start + end)) * np.append(scale, self.reference**2)
         root_slope = 0.5 / np.sqrt(x[-1])
-        C = self.layout.inequality_jacobian(
-            slopes,
-            acceleration_share=self._acceleration_share,
+        C = layout.inequality_jacobian(
+            slopes[: 2 * N] * self._stage_scale,
+            middles,
+            control_share=self._control_share,
             rate_slope=root_slope * self._rate_share,
-            half_step=self._half_step,
-        )
-        A = self.layout.equality_jacobian(
             rate_scale=self.rate_scale,
-            acceleration_scale=self.acceleration_scale,
+            control_step=self._control_step,
+        )
+        A = layout.equality_jacobian(
+            rate_scale=self.rate_scale,
+            control_scale=self.control_scale,
             first=-root_slope * self._start_rate,
             last=-root_slope * self._goal_rate,
         )
-        gradient = np.zeros(self.layout.size)
+        gradient, tie_gradient = np.zeros((2, layout.size))
         gradient[-1] = 1.0
-        tie_gradient, alpha = np.zeros(self.layout.size), self.layout.accelerations
-        tie_gradient[alpha] = REGULARIZATION / (self.N * self.n) * x[alpha]
+        tie_gradient[layout.controls] = self._tie_weight * x[layout.controls]
         at = self._evaluation(x, wrench)
         return Linearization(at, gradient, tie_gradient, A, C, self._basis(at.equalities, root_slope))
 
@@ -156,8 +169,8 @@ class Transcription:
         """Hessian of the Lagrangian: the small weight on accelerations, the square roots, the wrench's curvature."""
         layout, sigma = self.layout, x[-1]
         diagonal = np.zeros(layout.size)
-        diagonal[layout.accelerations] = REGULARIZATION / (self.N * self.n)
-        roots = z[layout.rate_rows].reshape(2, -1, self.n).sum(axis=(0, 1)) @ self._rate_share
+        diagonal[layout.controls] = self._tie_weight
+        roots = z[layout.rate_rows].reshape(-1, self.n).sum(axis=0) @ self._rate_share
         roots += y[self.n :] @ self._goal_rate if len(y) else 0.0
         diagonal[-1] = 0.25 * roots / sigma**1.5
         if convex:
@@ -183,32 +196,45 @@ class Transcription:
     # --- parts --------------------------------------------------------------------------------
 
     def _states(self, x: Array) -> tuple[Array, Array, Array, float]:
-        """States at the starts, at the ends, in the middle of all intervals, (3N, n) each, and S."""
-        q, w, alpha, S = self.unpack(x)
-        half = 0.5 / self.N
-        middle_q, middle_w = q[:-1] + half * w[:-1] + 0.5 * half**2 * alpha, w[:-1] + half * alpha
-        return np.vstack([q[:-1], q[1:], middle_q]), np.vstack([w[:-1], w[1:], middle_w]), np.vstack([alpha] * 3), S
+        """States (q, w, alpha) at the starts, at the ends, in the middle of all intervals, (3N, n) each, and S."""
+        q, w, controls, S = self.unpack(x)
+        h = 1.0 / self.N
+        once, twice = (np.einsum("c,kcn->kn", shape, controls) for shape in self.hold.shapes(0.5)[1:])
+        middle_q, middle_w = q[:-1] + 0.5 * h * w[:-1] + h**2 * twice, w[:-1] + h * once
+        alpha = np.vstack([np.einsum("c,kcn->kn", self.hold.shapes(s)[0], controls) for s in (0.0, 1.0, 0.5)])
+        return np.vstack([q[:-1], q[1:], middle_q]), np.vstack([w[:-1], w[1:], middle_w]), alpha, S
+
+    def _from_start(self, slopes: Array, s: float) -> Array:
+        """Derivatives by (q, w, alpha, S) at share s of the intervals, by (q, w, controls, S) at their starts."""
+        n, h = self.n, 1.0 / self.N
+        by_q, by_w, by_alpha = slopes[..., :n], slopes[..., n : 2 * n], slopes[..., 2 * n : 3 * n]
+        parts = [by_q, by_w + h * s * by_q]
+        for level, once, twice in zip(*self.hold.shapes(s), strict=True):
+            parts.append(level * by_alpha + h * once * by_w + h**2 * twice * by_q)
+        return np.concatenate([*parts, slopes[..., 3 * n :]], axis=-1)
 
     def _evaluation(self, x: Array, wrench: Array) -> Evaluation:
-        layout, bounds = self.layout, self.bounds
-        q, w, alpha, sigma = layout.split(x)
+        layout, bounds, hold, N = self.layout, self.bounds, self.hold, self.N
+        q, w, controls, sigma = layout.split(x)
         root = np.sqrt(sigma) if sigma > 0.0 else np.nan
         rows = wrench @ self._rows.T + sigma * self._row_offset
-        N = self.N
         rows[2 * N :] = 2.0 * rows[2 * N :] - 0.5 * (rows[:N] + rows[N : 2 * N])
-        limit = self._acceleration_share * sigma
-        rate = self._rate_share * root
-        position_control = q[:-1] + self._half_step * w[:-1]
+        limit, rate = self._control_share * sigma, self._rate_share * root
+        rates = np.vstack([w, *(w[:-1] + point * self._control_step * controls[:, 0] for point in hold.rate_points)])
+        step = self.rate_scale / N
+        inner = [q[:-1] + p * step * w[:-1] if p > 0.0 else q[1:] + p * step * w[1:] for p in hold.position_points]
+        places = np.vstack([q, *inner])
         inequalities = [
-            rows, alpha - limit, -alpha - limit, w - rate, -w - rate, q - bounds.position_upper, bounds.position_lower - q,
-            position_control - bounds.position_upper, bounds.position_lower - position_control, self._sigma_min - sigma,
+            rows, controls - limit, -controls - limit, rates - rate, -rates - rate,
+            places - bounds.position_upper, bounds.position_lower - places, self._sigma_min - sigma,
         ]  # fmt: skip
-        gap_q = q[1:] - q[:-1] - (self.rate_scale * w[:-1] + 0.5 / self.N * self.acceleration_scale * alpha) / self.N
-        gap_w = w[1:] - w[:-1] - self.acceleration_scale / self.rate_scale * alpha / self.N
+        push = self.control_scale * np.einsum("c,kcn->kn", hold.to_position, controls) / N
+        gap_q = q[1:] - q[:-1] - (self.rate_scale * w[:-1] + push) / N
+        gap_w = w[1:] - w[:-1] - self._control_step * np.einsum("c,kcn->kn", hold.to_rate, controls)
         equalities = [
             q[0] - self.start.q, w[0] - root * self._start_rate, gap_q, gap_w, q[-1] - self.goal.q, w[-1] - root * self._goal_rate
         ]  # fmt: skip
-        tie_breaker = 0.5 * REGULARIZATION / (self.N * self.n) * float(np.sum(alpha**2))
+        tie_breaker = 0.5 * self._tie_weight * float(np.sum(controls**2))
         return Evaluation(sigma, tie_breaker, _flat(equalities), _flat(inequalities))
 
     def _basis(self, equalities: Array, root_slope: float) -> Basis:
@@ -226,14 +252,7 @@ class Transcription:
             moved = self.rate_scale * dw[:-1] / N - gaps[2 * n : 2 * n + N * n].reshape(N, n)
             d[layout.positions] = (np.vstack([np.zeros(n), np.cumsum(moved, axis=0)]) - gaps[:n]).ravel()
             d[layout.rates] = dw.ravel()
-        return Basis(Z, d, layout.free, layout.eliminated)
-
-
-def _seen_from(slopes: Array, later: float, n: int) -> Array:
-    """Derivatives by the state at one time, rewritten as derivatives by the state `later` after it (same alpha)."""
-    by_q, by_w, rest = slopes[..., :n], slopes[..., n : 2 * n], slopes[..., 2 * n :].copy()
-    rest[..., :n] += 0.5 * later**2 * by_q - later * by_w
-    return np.concatenate([by_q, by_w - later * by_q, rest], axis=-1)
+        return Basis(Z, d, self._free, layout.eliminated)
 
 
 def _flat(parts: list[Array]) -> Array:

@@ -42,17 +42,9 @@ def verify(machine: Machine, trajectory: Trajectory, ground: Ground) -> Verifica
         trajectory: The motion.
         ground: What the machine stands on.
     """
-    q, v, a = trajectory.positions[:-1], trajectory.velocities[:-1], trajectory.accelerations
-    h = np.diff(trajectory.times)
-    since = h[:, None] * np.linspace(0.0, 1.0, SAMPLES)  # (N, samples)
-    t = since[:, :, None]
-    position = q[:, None] + t * v[:, None] + 0.5 * t**2 * a[:, None]
-    velocity = v[:, None] + t * a[:, None]
-    acceleration = np.broadcast_to(a[:, None], velocity.shape)
-    flat = [part.reshape(-1, machine.size) for part in (position, velocity, acceleration)]
+    times, *states = trajectory.within(np.linspace(0.0, 1.0, SAMPLES))
     root = np.concatenate([-ground.gravity(), np.zeros(3)])
-    wrench = ground_reaction(machine, flat[0], flat[1], flat[2], root_acceleration=root)
-    times = (trajectory.times[:-1, None] + since).ravel()
+    wrench = ground_reaction(machine, states[0], states[1], states[2], root_acceleration=root)
     excess = limit_excess(machine, trajectory)
     support = machine.support
     if support is None:
@@ -66,16 +58,28 @@ def verify(machine: Machine, trajectory: Trajectory, ground: Ground) -> Verifica
 
 
 def limit_excess(machine: Machine, trajectory: Trajectory) -> float:
-    """Largest excess over any joint limit at any time, in closed form: rates are linear, positions parabolas between nodes."""
+    """Largest excess over any joint limit at any time, in closed form: between nodes rates are parabolas, positions cubics."""
     limits = machine.limits
-    q, v, a = trajectory.positions, trajectory.velocities, trajectory.accelerations
+    v, a, j = trajectory.velocities[:-1], trajectory.accelerations, trajectory.jerks
     h = np.diff(trajectory.times)[:, None]
-    turn = np.divide(-v[:-1], a, out=np.zeros_like(a), where=a != 0.0)  # since the node, where the rate vanishes
-    turn = np.where((turn > 0.0) & (turn < h), turn, 0.0)
-    extreme = q[:-1] + turn * v[:-1] + 0.5 * turn**2 * a
-    places: Array = np.vstack([q, extreme])
-    excesses = (
-        np.abs(v) - limits.velocity, np.abs(a) - limits.acceleration,
-        places - limits.position_upper, limits.position_lower - places,
-    )  # fmt: skip
+    with np.errstate(divide="ignore", invalid="ignore"):
+        turn = -a / j  # where the rate is extreme
+        root = np.sqrt(a**2 - 2.0 * j * v)  # where the rate vanishes and the position is extreme, stably
+        pivot = -(a + np.where(a >= 0.0, root, -root))
+        stops = np.stack([2.0 * v / pivot, pivot / j])
+    rates = [np.abs(trajectory.velocities), np.abs(_at(trajectory, turn, h)[1])]
+    places = [trajectory.positions, *(_at(trajectory, stop, h)[0] for stop in stops)]
+    excesses = [
+        *(rate - limits.velocity for rate in rates),
+        *(np.abs(push) - limits.acceleration for push in (a, trajectory.end_accelerations)),
+        *(place - limits.position_upper for place in places),
+        *(limits.position_lower - place for place in places),
+    ]
     return float(max(np.nanmax(excess) for excess in excesses))
+
+
+def _at(trajectory: Trajectory, since: Array, h: Array) -> tuple[Array, Array]:
+    """Positions and rates at a time of its own per joint and interval, (N, n); at the node if that is outside the interval."""
+    t = np.where((since > 0.0) & (since < h), since, 0.0)  # False for NaN
+    q, v, a, j = trajectory.positions[:-1], trajectory.velocities[:-1], trajectory.accelerations, trajectory.jerks
+    return q + t * v + 0.5 * t**2 * a + t**3 * j / 6.0, v + t * a + 0.5 * t**2 * j

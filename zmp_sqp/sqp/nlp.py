@@ -48,9 +48,10 @@ class Basis:
     .. math:: A_{1..e}\, dx = -c_{1..e} \iff dx = d + Z\, dx_{free}
 
     Attributes:
-        Z: Shape (n, r); the rows `free` are the identity.
-        d: Particular solution that closes the gaps, shape (n,), zero at `free`.
-        free: Indices of the r free variables (controls and final time), shape (r,).
+        Z: Shape (n, r).
+        d: Particular solution that closes the gaps, shape (n,).
+        free: Indices of the r free variables (controls and final time), at which Z is the identity and d is zero, shape (r,);
+            empty if there are no such variables, because the basis ties controls to each other.
         eliminated: How many equalities, from the first on, this basis satisfies.
     """
 
