@@ -1,4 +1,4 @@
-"""The library's exceptions. Misuse raises one of these at once; a well-posed problem without a solution is a status."""
+"""Exceptions: misuse raises one at once; a well-posed problem without a solution is a status."""
 
 __all__ = ["ContactLost", "MachineError", "NotSolved", "ProblemError", "ScenarioError", "TrajectoryError", "ZmpSqpError"]
 

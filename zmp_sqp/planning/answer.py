@@ -44,7 +44,8 @@ class Plan:
     Attributes:
         problem: The question.
         status: How planning ended.
-        message: The status in a sentence; without success, with the constraint that stayed violated, when and by how much.
+        message: The status in a sentence; without success, with the constraint that stayed violated, when and by how
+            much.
         duration: Of the trajectory, or of the last attempt [s].
         lower_bound: No motion within the joint limits can be faster [s].
         margin: Least signed distance from the ZMP to an edge, sampled between the nodes too [m].

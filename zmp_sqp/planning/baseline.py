@@ -42,7 +42,9 @@ def phase_plane(machine: Machine, start: Any, goal: Any) -> Trajectory:
         lower, upper = limits.position_lower[i], limits.position_upper[i]
         for name, value in (("start", q0[i]), ("goal", qf[i])):
             if not lower <= value <= upper:
-                raise ProblemError(f"{name} of joint {joint!r} is {value:.6g}, outside its limits [{lower:.6g}, {upper:.6g}]")
+                raise ProblemError(
+                    f"{name} of joint {joint!r} is {value:.6g}, outside its limits [{lower:.6g}, {upper:.6g}]"
+                )
     distance = qf - q0
     durations = [
         minimum_time(float(d), max_velocity=float(v), max_acceleration=float(a)).duration

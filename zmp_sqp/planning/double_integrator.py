@@ -34,7 +34,12 @@ class BangCoastBang:
 
 
 def minimum_time(
-    distance: float, *, max_velocity: float, max_acceleration: float, start_velocity: float = 0.0, goal_velocity: float = 0.0
+    distance: float,
+    *,
+    max_velocity: float,
+    max_acceleration: float,
+    start_velocity: float = 0.0,
+    goal_velocity: float = 0.0,
 ) -> BangCoastBang:
     r"""Time-optimal motion of one double integrator.
 
@@ -92,8 +97,12 @@ def grid_minimum_time(distance: Array, *, max_velocity: Array, max_acceleration:
     return float(intervals * step.max())
 
 
-def grid_profile(distance: Array, duration: float, *, max_velocity: Array, max_acceleration: Array, intervals: int) -> Array:
-    """Rest-to-rest accelerations on the grid that cover the distances in exactly this duration, as gently as bang-coast-bang can.
+def grid_profile(
+    distance: Array, duration: float, *, max_velocity: Array, max_acceleration: Array, intervals: int
+) -> Array:
+    """Rest-to-rest accelerations on the grid that cover the distances in exactly this duration, bang-coast-bang.
+
+    Each joint accelerates as gently as its rate limit and the duration allow.
 
     Args:
         distance: Displacements, shape (n,) [rad or m].

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from zmp_sqp.arrays import Array
-from zmp_sqp.planning.double_integrator import grid_minimum_time, grid_profile, minimum_time
+from zmp_sqp.planning.double_integrator import grid_profile, minimum_time
 from zmp_sqp.planning.model import StageModel
 from zmp_sqp.planning.transcription import Boundary, PathBounds
 
@@ -21,7 +21,11 @@ def kinematic_lower_bound(start: Boundary, goal: Boundary, bounds: PathBounds) -
     rows = zip(goal.q - start.q, bounds.velocity, bounds.acceleration, start.v, goal.v, strict=True)
     return max(
         minimum_time(
-            float(d), max_velocity=float(v), max_acceleration=float(a), start_velocity=float(v0), goal_velocity=float(v1)
+            float(d),
+            max_velocity=float(v),
+            max_acceleration=float(a),
+            start_velocity=float(v0),
+            goal_velocity=float(v1),
         ).duration
         for d, v, a, v0, v1 in rows
     )
@@ -32,8 +36,8 @@ def initial_guess(
 ) -> tuple[Array, float]:
     """Accelerations T^2 a, shape (N, n), and duration T [s] of a motion from start to goal.
 
-    From rest to rest it is the synchronised bang-coast-bang motion on the grid, at its least duration unless the ZMP would
-    be out by more than the polygon's own size; in motion it is the cubic that meets both ends.
+    From rest to rest it is the synchronised bang-coast-bang motion on the grid, at its least duration unless the ZMP
+    would be out by more than the polygon's own size; in motion it is the cubic that meets both ends.
 
     Args:
         model: For the ZMP of the trials.

@@ -22,13 +22,14 @@ class Hold:
     .. math:: \alpha(s) = \sum_i B_i(s) u_i, \quad w(s) = w_k + h \sum_i B^{(-1)}_i(s) u_i, \quad
               q(s) = q_k + h s w_k + h^2 \sum_i B^{(-2)}_i(s) u_i
 
-    Constant: one control, B = 1. Linear: the accelerations at start and end, B = (1 - s, s); they are independent, so the
-    acceleration may jump at the nodes.
+    Constant: one control, B = 1. Linear: the accelerations at start and end, B = (1 - s, s); they are independent, so
+    the acceleration may jump at the nodes.
 
     Attributes:
         controls: Number c of control vectors.
         rate_points: The rate's inner Bernstein points are w_k + h p u_0 for these p (none: the rate is linear).
-        position_points: The position's inner Bernstein points are q + h p w, at the start for p > 0, at the end for p < 0.
+        position_points: The position's inner Bernstein points are q + h p w, at the start for p > 0, at the end for p
+            < 0.
     """
 
     controls: int
@@ -63,9 +64,9 @@ LINEAR = Hold(controls=2, rate_points=(0.5,), position_points=(1.0 / 3.0, -1.0 /
 def slope_ties(controls: Array) -> sp.csr_array:
     """Ties that make the slope of each interval follow from the means of its neighbours, as the given means suggest.
 
-    Where the means run smoothly the slope is half their central difference; beside a switch, the difference to the smooth
-    side; between two switches, zero. The linear hold then has no more free variables than the constant one, and is of
-    second order where the motion is smooth.
+    Where the means run smoothly the slope is half their central difference; beside a switch, the difference to the
+    smooth side; between two switches, zero. The linear hold then has no more free variables than the constant one,
+    and is of second order where the motion is smooth.
 
     Args:
         controls: Accelerations of a constant hold, shape (N, n).

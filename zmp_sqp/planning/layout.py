@@ -18,10 +18,10 @@ __all__ = ["Layout", "layout_of"]
 class Layout:
     """Index arithmetic of N intervals, n coordinates, E wrench rows per point, and a hold with c controls per interval.
 
-    Variables: positions, rates (all nodes), controls (interval by interval, c vectors each), sigma. Inequalities: wrench
-    rows (starts of all intervals, then ends, then middle control points; E each), controls (upper, lower), rates (upper,
-    lower; nodes, then the hold's control points), positions (upper, lower; likewise), sigma. Equalities: first state, gaps
-    of q, gaps of w, last state.
+    Variables: positions, rates (all nodes), controls (interval by interval, c vectors each), sigma. Inequalities:
+    wrench rows (starts of all intervals, then ends, then middle control points; E each), controls (upper, lower),
+    rates (upper, lower; nodes, then the hold's control points), positions (upper, lower; likewise), sigma.
+    Equalities: first state, gaps of q, gaps of w, last state.
     """
 
     N: int
@@ -73,7 +73,7 @@ class Layout:
     @property
     def inequalities(self) -> int:
         """Number of inequalities."""
-        return self.rate_rows.stop + 2 * (self.N + 1 + len(self.hold.position_points) * self.N) * self.n + 1
+        return int(self.rate_rows.stop) + 2 * (self.N + 1 + len(self.hold.position_points) * self.N) * self.n + 1
 
     def split(self, x: Array) -> tuple[Array, Array, Array, float]:
         """Scaled (q, w, controls, sigma), shapes (N+1, n), (N+1, n), (N, c, n)."""
@@ -88,8 +88,8 @@ class Layout:
     def _columns(self) -> tuple[Indices, Indices, Indices]:
         """Columns of positions and rates by node, (N+1, n) each, and of controls, (N, c, n)."""
         index = np.arange(self.size)
-        q, w, controls, _ = self.split(index)
-        return q, w, controls
+        q, w = index[self.positions].reshape(-1, self.n), index[self.rates].reshape(-1, self.n)
+        return q, w, index[self.controls].reshape(self.N, self.hold.controls, self.n)
 
     @cached_property
     def end_columns(self) -> Indices:
@@ -119,7 +119,14 @@ class Layout:
         return [slice(0, -1) if point > 0.0 else slice(1, None) for point in self.hold.position_points]
 
     def inequality_jacobian(
-        self, ends: Array, middles: Array, *, control_share: Array, rate_slope: Array, rate_scale: Array, control_step: Array
+        self,
+        ends: Array,
+        middles: Array,
+        *,
+        control_share: Array,
+        rate_slope: Array,
+        rate_scale: Array,
+        control_step: Array,
     ) -> sp.csr_array:
         """Jacobian of the inequalities.
 

@@ -46,7 +46,12 @@ class ArmModel:
         """The same with its derivatives by (q, w, alpha, S), shapes (K, 6) and (K, 6, 3n + 1)."""
         found = ground_reaction_derivatives(self.machine, q, w, alpha, root_acceleration=self._root(S))
         by_root = found.wrt_acceleration[:, :, :3] @ -self.gravity
-        parts = (found.wrt_position, found.wrt_velocity[:, :, 6:], found.wrt_acceleration[:, :, 6:], by_root[:, :, None])
+        parts = (
+            found.wrt_position,
+            found.wrt_velocity[:, :, 6:],
+            found.wrt_acceleration[:, :, 6:],
+            by_root[:, :, None],
+        )
         return found.wrench, np.concatenate(parts, axis=2)
 
     def _root(self, S: float) -> Array:

@@ -54,7 +54,11 @@ def plan(
 ) -> Plan:
     r"""Fastest safe motion, by SQP on the multiple-shooting transcription in normalised time.
 
-    .. math:: \min T \quad \text{s.t.} \quad \text{Song \& Sharf 2020, eq. (19)}: \text{ZMP in the polygon, joint limits}
+    .. math:: \min T \quad \text{s.t. ZMP in the polygon, joint limits} \qquad \text{(Song \& Sharf 2020, eq. (19))}
+
+    First with an acceleration per interval; where the ZMP then costs time, again with accelerations that run linearly
+    within the intervals, so that the ZMP can follow an edge. The result is looked at on a finer grid; if it leaves the
+    polygon between the nodes, the rows are drawn in by what is missing and it is solved again.
 
     Args:
         problem: The question.
@@ -107,7 +111,11 @@ def plan(
         controls, S = nlp.unpack(result.x)[2:]
         looser = replace(bounds, least_duration=lower_bound)  # the grid's bound is one of constant accelerations
         ties = slope_ties(controls[:, 0]) if controls.size > FEW_CONTROLS else None
-        spread = np.repeat(controls, 2, axis=1) if ties is None else (ties @ controls.ravel()).reshape(-1, 2, controls.shape[2])
+        spread = (
+            np.repeat(controls, 2, axis=1)
+            if ties is None
+            else (ties @ controls.ravel()).reshape(-1, 2, controls.shape[2])
+        )
         refined = solve(looser, spread, S, ties)
         if refined[1].status.is_feasible and refined[0].unpack(refined[1].x)[3] <= S:
             (nlp, result), bounds = refined, looser
@@ -185,9 +193,9 @@ def _trajectory(problem: Problem, nlp: Transcription, x: Array) -> Trajectory:
         duration = needed
     times = np.linspace(0.0, duration, problem.intervals + 1)
     start, end = (nlp.hold.shapes(s)[0] for s in (0.0, 1.0))
-    pushes = [np.einsum("c,kcn->kn", shape, controls) / duration**2 for shape in (start, end)]
-    jerks = (pushes[1] - pushes[0]) * (problem.intervals / duration)
-    return Trajectory(problem.machine.joint_names, times, q, w / duration, pushes[0], jerks)
+    ends = [np.einsum("c,kcn->kn", shape, controls) / duration**2 for shape in (start, end)]
+    jerks = (ends[1] - ends[0]) * (problem.intervals / duration)
+    return Trajectory(problem.machine.joint_names, times, q, w / duration, ends[0], jerks)
 
 
 def _is_safe(checked: Verification, problem: Problem) -> bool:

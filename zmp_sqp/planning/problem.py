@@ -16,6 +16,7 @@ from zmp_sqp.mechanics.zero_moment_point import zmp_of_wrench
 
 __all__ = ["MODELS", "Problem"]
 
+LEVEL = Slope()
 MODELS = ("full",)
 LIMIT_TOLERANCE = 1e-9  # [rad or m] rounding that a start or goal may stand outside its limits
 STATIC_TOLERANCE = 1e-9  # [m] likewise for the ZMP at rest
@@ -44,7 +45,7 @@ class Problem:
     machine: Machine
     start: Array
     goal: Array
-    ground: Ground = Slope()
+    ground: Ground = LEVEL
     start_velocity: Any = None
     goal_velocity: Any = None
     margin: float = 0.0
@@ -101,7 +102,9 @@ class Problem:
         for i, joint in enumerate(self.machine.joint_names):
             lower, upper, rate = limits.position_lower[i], limits.position_upper[i], limits.velocity[i]
             if not lower - LIMIT_TOLERANCE <= q[i] <= upper + LIMIT_TOLERANCE:
-                raise ProblemError(f"{name} of joint {joint!r} is {q[i]:.6g}, outside its limits [{lower:.6g}, {upper:.6g}]")
+                raise ProblemError(
+                    f"{name} of joint {joint!r} is {q[i]:.6g}, outside its limits [{lower:.6g}, {upper:.6g}]"
+                )
             if abs(v[i]) > rate * (1.0 + LIMIT_TOLERANCE):
                 raise ProblemError(f"{name} velocity of joint {joint!r} is {v[i]:.6g}, outside its limits +-{rate:.6g}")
             onward = v[i] if name == "start" else -v[i]  # at the goal, the way it must have come from

@@ -35,8 +35,8 @@ class Trajectory:
         jerks: On the intervals, shape (N, n) [rad/s^3 or m/s^3]; None for piecewise constant accelerations.
 
     Raises:
-        TrajectoryError: Shapes differ, entries are not finite, times do not grow from 0, or positions and velocities are
-            not those that the accelerations produce.
+        TrajectoryError: Shapes differ, entries are not finite, times do not grow from 0, or positions and velocities
+            are not those that the accelerations produce.
     """
 
     joint_names: tuple[str, ...]
@@ -71,7 +71,8 @@ class Trajectory:
             if abs(gap[worst]) > CONSISTENCY:
                 raise TrajectoryError(
                     f"{name} do not follow from the accelerations: node {int(worst[0]) + 1}, joint "
-                    f"{self.joint_names[worst[1]]!r} is off by {gap[worst]:.3g} (accelerations run linearly from node to node)"
+                    f"{self.joint_names[worst[1]]!r} is off by {gap[worst]:.3g} "
+                    "(accelerations run linearly from node to node)"
                 )
 
     def _after(self, k: Indices, since: Array) -> tuple[Array, Array, Array]:
@@ -165,8 +166,8 @@ class Trajectory:
         """Trajectory from a file as `to_csv` writes it; columns may come in any order, jerks may be left out (zero).
 
         Raises:
-            TrajectoryError: The file cannot be read, lacks a column of one of the machine's joints, has one that the machine
-                does not know, or holds something that is not a consistent motion.
+            TrajectoryError: The file cannot be read, lacks a column of one of the machine's joints, has one that the
+                machine does not know, or holds something that is not a consistent motion.
         """
         names = machine.joint_names
         wanted = ["time", *(f"{joint}.{quantity}" for quantity in QUANTITIES for joint in names)]
@@ -180,7 +181,10 @@ class Trajectory:
             wanted = wanted[: 1 + 3 * len(names)]
         for column in wanted:
             if header.count(column) != 1:
-                raise TrajectoryError(f"{path}: column {column!r} must be there once, but is there {header.count(column)} times")
+                raise TrajectoryError(
+                    f"{path}: column {column!r} must be there once, but is there "
+                    f"{header.count(column)} times"
+                )
         for column in header:
             if column not in wanted:
                 raise TrajectoryError(f"{path}: unknown column {column!r}; the machine's joints are {', '.join(names)}")

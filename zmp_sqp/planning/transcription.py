@@ -56,8 +56,8 @@ class Transcription:
         q_{k+1} = q(1; q_k, w_k, u_k), \; w_{k+1} = w(1; w_k, u_k), \quad
         |w_k| \le v \sqrt{S}, \; |u_k| \le a S
 
-    with h = 1/N, S = T^2 = sigma S_ref, boundary rates v_0 sqrt(S) and v_f sqrt(S), and the motion within an interval as
-    its `Hold` says. The joint chain does not contain T.
+    with h = 1/N, S = T^2 = sigma S_ref, boundary rates v_0 sqrt(S) and v_f sqrt(S), and the motion within an interval
+    as its `Hold` says. The joint chain does not contain T.
 
     Rows of the wrench (an edge of the polygon, or the least normal force) hold at both ends of every interval, because
     the acceleration jumps at the nodes, and at the middle Bernstein control point 2 c(1/2) - (c(0) + c(1)) / 2 of the
@@ -69,7 +69,8 @@ class Transcription:
     """
 
     def __init__(
-        self, model: StageModel, start: Boundary, goal: Boundary, bounds: PathBounds, *, intervals: int, reference: float,
+        self, model: StageModel, start: Boundary, goal: Boundary, bounds: PathBounds, *, intervals: int, reference:
+            float,
         hold: Hold = CONSTANT, ties: sp.csr_array | None = None,
     ) -> None:  # fmt: skip
         """Transcribe.
@@ -137,11 +138,13 @@ class Transcription:
 
     def linearize(self, x: Array) -> Linearization:
         """Values and first derivatives at x."""
-        N, layout, (*states, S) = self.N, self.layout, self._states(x)
-        wrench, slopes = self.model.wrench_derivatives(*states, S)
+        N, layout = self.N, self.layout
+        wrench, slopes = self.model.wrench_derivatives(*self._states(x))
         slopes = self._rows @ slopes  # (3N, E, 3n + 1)
         slopes[:, :, -1] += self._row_offset / self.reference**2
-        start, end, middle = (self._from_start(slopes[i * N : (i + 1) * N], s) for i, s in ((0, 0.0), (1, 1.0), (2, 0.5)))
+        start, end, middle = (
+            self._from_start(slopes[i * N : (i + 1) * N], s) for i, s in ((0, 0.0), (1, 1.0), (2, 0.5))
+        )
         scale = np.concatenate([np.ones(self.n), self.rate_scale, np.tile(self.control_scale, self.hold.controls)])
         middles = (2.0 * middle - 0.5 * (start + end)) * np.append(scale, self.reference**2)
         root_slope = 0.5 / np.sqrt(x[-1])
@@ -181,8 +184,9 @@ class Transcription:
         active = np.flatnonzero(weights.max(axis=1) > 0.0)
         if not len(active):
             return sp.csr_array(sp.diags_array(diagonal))
-        *states, S = self._states(x)
-        blocks = wrench_curvature(self.model, *(part[active] for part in states), S, weights[active] @ self._rows)
+        states_q, states_w, alpha, S = self._states(x)
+        at = states_q[active], states_w[active], alpha[active]
+        blocks = wrench_curvature(self.model, *at, S, weights[active] @ self._rows)
         blocks *= self._stage_scale[:, None] * self._stage_scale
         if convex:
             values, vectors = np.linalg.eigh(blocks)
@@ -226,13 +230,14 @@ class Transcription:
         places = np.vstack([q, *inner])
         inequalities = [
             rows, controls - limit, -controls - limit, rates - rate, -rates - rate,
-            places - bounds.position_upper, bounds.position_lower - places, self._sigma_min - sigma,
+            places - bounds.position_upper, bounds.position_lower - places, np.array([self._sigma_min - sigma]),
         ]  # fmt: skip
         push = self.control_scale * np.einsum("c,kcn->kn", hold.to_position, controls) / N
         gap_q = q[1:] - q[:-1] - (self.rate_scale * w[:-1] + push) / N
         gap_w = w[1:] - w[:-1] - self._control_step * np.einsum("c,kcn->kn", hold.to_rate, controls)
         equalities = [
-            q[0] - self.start.q, w[0] - root * self._start_rate, gap_q, gap_w, q[-1] - self.goal.q, w[-1] - root * self._goal_rate
+            q[0] - self.start.q, w[0] - root * self._start_rate, gap_q, gap_w, q[-1] - self.goal.q, w[-1] - root *
+            self._goal_rate
         ]  # fmt: skip
         tie_breaker = 0.5 * self._tie_weight * float(np.sum(controls**2))
         return Evaluation(sigma, tie_breaker, _flat(equalities), _flat(inequalities))
@@ -243,7 +248,9 @@ class Transcription:
         if self._start_rate.any():
             Z = Z.copy()
             Z[layout.rates, -1] = np.tile(root_slope * self._start_rate, N + 1)
-            Z[layout.positions, -1] = np.outer(np.arange(N + 1) / N, self.rate_scale * root_slope * self._start_rate).ravel()
+            Z[layout.positions, -1] = np.outer(
+                np.arange(N + 1) / N, self.rate_scale * root_slope * self._start_rate
+            ).ravel()
         gaps = equalities[: layout.eliminated]
         d = np.zeros(layout.size)
         if np.abs(gaps).max() > 0.0:

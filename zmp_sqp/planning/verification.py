@@ -58,7 +58,7 @@ def verify(machine: Machine, trajectory: Trajectory, ground: Ground) -> Verifica
 
 
 def limit_excess(machine: Machine, trajectory: Trajectory) -> float:
-    """Largest excess over any joint limit at any time, in closed form: between nodes rates are parabolas, positions cubics."""
+    """Largest excess over any joint limit at any time, in closed form: rates are parabolas, positions cubics."""
     limits = machine.limits
     v, a, j = trajectory.velocities[:-1], trajectory.accelerations, trajectory.jerks
     h = np.diff(trajectory.times)[:, None]
@@ -79,7 +79,7 @@ def limit_excess(machine: Machine, trajectory: Trajectory) -> float:
 
 
 def _at(trajectory: Trajectory, since: Array, h: Array) -> tuple[Array, Array]:
-    """Positions and rates at a time of its own per joint and interval, (N, n); at the node if that is outside the interval."""
+    """Positions and rates at a time of its own per joint and interval, (N, n); at the node if that is outside."""
     t = np.where((since > 0.0) & (since < h), since, 0.0)  # False for NaN
     q, v, a, j = trajectory.positions[:-1], trajectory.velocities[:-1], trajectory.accelerations, trajectory.jerks
     return q + t * v + 0.5 * t**2 * a + t**3 * j / 6.0, v + t * a + 0.5 * t**2 * j
