@@ -24,12 +24,13 @@ from zmp_sqp.mechanics import (
     stability_margin,
     zmp,
 )
-from zmp_sqp.planning import Plan, Problem, Status, Trajectory, phase_plane, plan
+from zmp_sqp.planning import DistanceLimits, Plan, Problem, Status, Trajectory, phase_plane, plan
 
 __version__ = "0.1.0"
 
 __all__ = [
     "ContactLost",
+    "DistanceLimits",
     "Ground",
     "JointLimits",
     "Machine",

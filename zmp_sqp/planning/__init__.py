@@ -4,6 +4,17 @@ from zmp_sqp.planning.answer import Plan, Status
 from zmp_sqp.planning.baseline import phase_plane
 from zmp_sqp.planning.planner import plan
 from zmp_sqp.planning.problem import Problem
+from zmp_sqp.planning.simplified import DistanceLimits, LumpedMass, simplified_coordinates
 from zmp_sqp.planning.trajectory import Trajectory
 
-__all__ = ["Plan", "Problem", "Status", "Trajectory", "phase_plane", "plan"]
+__all__ = [
+    "DistanceLimits",
+    "LumpedMass",
+    "Plan",
+    "Problem",
+    "Status",
+    "Trajectory",
+    "phase_plane",
+    "plan",
+    "simplified_coordinates",
+]

@@ -16,9 +16,11 @@ TRIALS = 24  # 1.5^24 is a factor of 17 000
 FAR_OUT = 1.0  # of the polygon's half-width: guesses further out than this are slowed down
 
 
-def kinematic_lower_bound(start: Boundary, goal: Boundary, bounds: PathBounds) -> float:
+def kinematic_lower_bound(
+    distance: Array, *, start_velocity: Array, goal_velocity: Array, limits: JointLimits
+) -> float:
     """Largest of the joints' own minimum times [s]: no motion within the joint limits is shorter."""
-    rows = zip(goal.q - start.q, bounds.velocity, bounds.acceleration, start.v, goal.v, strict=True)
+    rows = zip(distance, limits.velocity, limits.acceleration, start_velocity, goal_velocity, strict=True)
     return max(
         minimum_time(
             float(d),

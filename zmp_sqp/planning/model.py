@@ -9,6 +9,8 @@ import numpy as np
 from zmp_sqp.arrays import Array
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.wrench import ground_reaction, ground_reaction_derivatives
+from zmp_sqp.planning.coordinates import Coordinates
+from zmp_sqp.planning.simplified import DistanceLimits, LumpedMass
 
 __all__ = ["ArmModel", "StageModel", "wrench_curvature"]
 
@@ -17,42 +19,73 @@ DIFFERENCE = 1e-6  # [rad, m] forward step on analytic derivatives; error of sec
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmModel:
-    r"""The arm on a standing base: the joints themselves are the coordinates.
+    r"""The arm on a standing base, in coordinates y that drive its joints.
 
     Everything is in normalised time s = t/T: w = T v, alpha = T^2 a, S = T^2, so that the wrench times S is
 
     .. math:: M(q) \alpha + h(q, w) - S M_{root}(q) g
 
-    inverse dynamics with gravity scaled by S: affine in (alpha, S), quadratic in w.
+    inverse dynamics with gravity scaled by S: affine in (alpha, S), quadratic in w. Arguments and derivatives below are
+    those of the coordinates: q, w, alpha stand for y, y' and y''.
 
     Attributes:
         machine: The machine.
         gravity: In the root frame, shape (3,) [m/s^2].
+        coordinates: From y to the joints.
+        distance: Lumped mass and the bounds on its distance (the paper's way with the simplified model), or None.
     """
 
     machine: Machine
     gravity: Array
+    coordinates: Coordinates
+    distance: tuple[LumpedMass, DistanceLimits] | None = None
 
     @property
     def size(self) -> int:
         """Number n of coordinates."""
-        return self.machine.size
+        return self.coordinates.size
 
     def wrench(self, q: Array, w: Array, alpha: Array, S: float) -> Array:
         """S times the ground reaction wrench, shape (K, 6) [N s^2, N m s^2]."""
-        return ground_reaction(self.machine, q, w, alpha, root_acceleration=self._root(S))
+        return ground_reaction(self.machine, *self._joints(q, w, alpha), root_acceleration=self._root(S))
 
     def wrench_derivatives(self, q: Array, w: Array, alpha: Array, S: float) -> tuple[Array, Array]:
         """The same with its derivatives by (q, w, alpha, S), shapes (K, 6) and (K, 6, 3n + 1)."""
-        found = ground_reaction_derivatives(self.machine, q, w, alpha, root_acceleration=self._root(S))
+        joints, G = self._joints(q, w, alpha), self.coordinates.G
+        found = ground_reaction_derivatives(self.machine, *joints, root_acceleration=self._root(S))
         by_root = found.wrt_acceleration[:, :, :3] @ -self.gravity
-        parts = (
-            found.wrt_position,
-            found.wrt_velocity[:, :, 6:],
-            found.wrt_acceleration[:, :, 6:],
-            by_root[:, :, None],
-        )
-        return found.wrench, np.concatenate(parts, axis=2)
+        by_joints = (found.wrt_position, found.wrt_velocity[:, :, 6:], found.wrt_acceleration[:, :, 6:])
+        return found.wrench, np.concatenate([*(part @ G for part in by_joints), by_root[:, :, None]], axis=2)
+
+    @property
+    def extra_rows(self) -> int:
+        """Number of rows of `extra`."""
+        return 0 if self.distance is None else 4
+
+    def extra(self, q: Array, w: Array, alpha: Array, S: float) -> tuple[Array, Array]:
+        """Other rows than the wrench's, not positive where they hold, with slopes, (K, R) and (K, R, 3n + 1).
+
+        With distance bounds: |d'| <= v sqrt(S) and |d''| <= a S of the lumped mass, each divided by its bound.
+        """
+        count, n = q.shape
+        if self.distance is None:
+            return np.zeros((count, 0)), np.zeros((count, 0, 3 * n + 1))
+        lumped, limits = self.distance
+        boom, rate, push, root = q[:, 1], w[:, 1], alpha[:, 1], np.sqrt(S)
+        first, second, third = lumped.derivatives(boom)
+        slopes = np.zeros((count, 2, 3 * n + 1))
+        slopes[:, 0, 1], slopes[:, 0, n + 1] = second * rate, first
+        slopes[:, 1, 1], slopes[:, 1, n + 1] = second * push + third * rate**2, 2.0 * second * rate
+        slopes[:, 1, 2 * n + 1] = first
+        values = np.column_stack([first * rate, first * push + second * rate**2])
+        bounds, by_S = np.array([limits.velocity * root, limits.acceleration * S]), np.zeros((2, 3 * n + 1))
+        by_S[:, -1] = 0.5 * limits.velocity / root, limits.acceleration
+        scale = np.tile([limits.velocity, limits.acceleration], 2)
+        rows = np.hstack([values - bounds, -values - bounds]) / scale
+        return rows, np.concatenate([slopes - by_S, -slopes - by_S], axis=1) / scale[:, None]
+
+    def _joints(self, q: Array, w: Array, alpha: Array) -> tuple[Array, Array, Array]:
+        return self.coordinates.joints(q), self.coordinates.rates(w), self.coordinates.rates(alpha)
 
     def _root(self, S: float) -> Array:
         return np.concatenate([-S * self.gravity, np.zeros(3)])

@@ -18,6 +18,7 @@ from zmp_sqp.planning.guess import initial_guess, kinematic_lower_bound
 from zmp_sqp.planning.hold import CONSTANT, LINEAR, slope_ties
 from zmp_sqp.planning.model import ArmModel
 from zmp_sqp.planning.problem import Problem
+from zmp_sqp.planning.simplified import LumpedMass
 from zmp_sqp.planning.trajectory import Trajectory
 from zmp_sqp.planning.transcription import Boundary, PathBounds, Transcription
 from zmp_sqp.planning.verification import Verification, verify
@@ -85,13 +86,21 @@ def plan(
     sqp = SQP(backend, fallback, SQPSettings(deadline=deadline), progress)
     finisher = SQP(backend, fallback, SQPSettings(deadline=deadline, max_iterations=REFINEMENTS), progress)
 
-    start, goal = Boundary(problem.start, problem.start_velocity), Boundary(problem.goal, problem.goal_velocity)
-    model = ArmModel(problem.machine, problem.ground.gravity())
-    bounds = _bounds(problem, tightened=0.0)
-    lower_bound = kinematic_lower_bound(start, goal, _limits_as_given(problem, bounds))
+    model = _stage_model(problem)
+    start, goal = (
+        Boundary(model.coordinates.coordinates_of(q), model.coordinates.rates_of(v))
+        for q, v in ((problem.start, problem.start_velocity), (problem.goal, problem.goal_velocity))
+    )
+    bounds = _bounds(problem, model, tightened=0.0)
+    lower_bound = kinematic_lower_bound(
+        problem.goal - problem.start,
+        start_velocity=problem.start_velocity,
+        goal_velocity=problem.goal_velocity,
+        limits=problem.machine.limits,
+    )
     if lower_bound == 0.0:
         return _already_there(problem, qp_solver, started)
-    least = max(kinematic_lower_bound(start, goal, bounds), _grid_bound(problem, bounds))
+    least = max(lower_bound, _grid_bound(start, goal, bounds, problem.intervals))
     bounds = replace(bounds, least_duration=least)
     alpha, duration = initial_guess(model, start, goal, bounds, intervals=problem.intervals, least_duration=least)
     history: list[IterationRecord] = []
@@ -128,7 +137,7 @@ def plan(
             break
         status = Status.UNSAFE_BETWEEN_NODES  # unless the next round mends it
         tightened += 1.5 * max(problem.margin - checked.margin, GUARD)
-        drawn_in = replace(_bounds(problem, tightened=tightened), least_duration=bounds.least_duration)
+        drawn_in = replace(_bounds(problem, model, tightened=tightened), least_duration=bounds.least_duration)
         nlp, result = solve(drawn_in, *nlp.unpack(result.x)[2:], ties if nlp.hold is LINEAR else None)
     return Plan(
         problem=problem,
@@ -145,15 +154,26 @@ def plan(
     )
 
 
-def _bounds(problem: Problem, *, tightened: float) -> PathBounds:
-    """The problem's limits and wrench rows, drawn in by the guards."""
+def _stage_model(problem: Problem) -> ArmModel:
+    """What the stages see: all joints, or the simplified model with or without bounds on its distance."""
+    coordinates, gravity = problem.coordinates, problem.ground.gravity()
+    if problem.distance_limits is None:
+        return ArmModel(problem.machine, gravity, coordinates)
+    lumped = LumpedMass.of(problem.machine, coordinates)
+    return ArmModel(problem.machine, gravity, coordinates, (lumped, problem.distance_limits))
+
+
+def _bounds(problem: Problem, model: ArmModel, *, tightened: float) -> PathBounds:
+    """The coordinates' limits and the wrench rows, drawn in by the guards."""
     machine, support = problem.machine, problem.machine.support
     if support is None:
         raise ProblemError(f"machine {machine.name!r} has no support polygon")
-    limits = machine.limits
+    limits = model.coordinates.limits(machine.limits)
+    if model.distance is not None:
+        limits = model.distance[0].boom_limits(model.distance[1], limits)
     lower = np.maximum(limits.position_lower, -UNBOUNDED) + LIMIT_GUARD
     upper = np.minimum(limits.position_upper, UNBOUNDED) - LIMIT_GUARD
-    both = np.vstack([problem.start, problem.goal])
+    both = np.vstack([model.coordinates.coordinates_of(q) for q in (problem.start, problem.goal)])
     return PathBounds(
         position_lower=np.minimum(lower, both.min(axis=0)),
         position_upper=np.maximum(upper, both.max(axis=0)),
@@ -165,26 +185,20 @@ def _bounds(problem: Problem, *, tightened: float) -> PathBounds:
     )
 
 
-def _limits_as_given(problem: Problem, bounds: PathBounds) -> PathBounds:
-    limits = problem.machine.limits
-    return replace(bounds, velocity=limits.velocity, acceleration=limits.acceleration)
-
-
-def _grid_bound(problem: Problem, bounds: PathBounds) -> float:
+def _grid_bound(start: Boundary, goal: Boundary, bounds: PathBounds, intervals: int) -> float:
     """Least duration on the grid; only motions from rest to rest have one in closed form."""
-    if problem.start_velocity.any() or problem.goal_velocity.any():
+    if start.v.any() or goal.v.any():
         return 0.0
     return grid_minimum_time(
-        problem.goal - problem.start,
-        max_velocity=bounds.velocity,
-        max_acceleration=bounds.acceleration,
-        intervals=problem.intervals,
+        goal.q - start.q, max_velocity=bounds.velocity, max_acceleration=bounds.acceleration, intervals=intervals
     )
 
 
 def _trajectory(problem: Problem, nlp: Transcription, x: Array) -> Trajectory:
     """The motion in seconds: it arrives to the last digit, and no limit is missed by rounding."""
-    q, w, controls, S = nlp.arrived(x)
+    y, rates, controls, S = nlp.arrived(x)
+    coordinates = nlp.model.coordinates
+    q, w, controls = coordinates.joints(y), coordinates.rates(rates), coordinates.rates(controls)
     limits = problem.machine.limits
     rates, pushes = np.abs(w) / limits.velocity, np.abs(controls) / limits.acceleration
     needed = max(float(rates.max()), float(np.sqrt(pushes.max())))  # the duration at which no limit is exceeded

@@ -13,11 +13,13 @@ from zmp_sqp.mechanics.ground import Ground, Slope
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.wrench import ground_reaction
 from zmp_sqp.mechanics.zero_moment_point import zmp_of_wrench
+from zmp_sqp.planning.coordinates import Coordinates
+from zmp_sqp.planning.simplified import FORM_TOLERANCE, DistanceLimits, simplified_coordinates
 
 __all__ = ["MODELS", "Problem"]
 
 LEVEL = Slope()
-MODELS = ("full",)
+MODELS = ("full", "simplified")
 LIMIT_TOLERANCE = 1e-9  # [rad or m] rounding that a start or goal may stand outside its limits
 STATIC_TOLERANCE = 1e-9  # [m] likewise for the ZMP at rest
 
@@ -35,7 +37,8 @@ class Problem:
         goal_velocity: Joint rates at the goal, likewise.
         margin: Distance kept between ZMP and every edge [m].
         intervals: Number N of equal intervals with constant acceleration.
-        model: "full": every joint is planned.
+        model: "full": every joint is planned; "simplified": slew angle and distance of the lumped mass, eq. (20).
+        distance_limits: The paper's bounds on that distance in place of the joints' limits; None keeps the joints' own.
 
     Raises:
         ProblemError: The problem contradicts itself or the machine's limits, or the machine tips over at rest at the
@@ -51,6 +54,7 @@ class Problem:
     margin: float = 0.0
     intervals: int = 50
     model: str = "full"
+    distance_limits: DistanceLimits | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.machine, Machine):
@@ -70,6 +74,7 @@ class Problem:
             raise ProblemError(f"unknown model {self.model!r}; there is {', '.join(MODELS)}")
         self._check_limits()
         self._check_support()
+        self._check_model()
         for name in ("start", "goal"):
             self._check_boundary(name, getattr(self, name), getattr(self, f"{name}_velocity"))
 
@@ -80,6 +85,33 @@ class Problem:
             raise ProblemError(
                 f"no {'; no '.join(parts)}: give limits= to load_machine, or a joint_limits.yaml beside the URDF"
             )
+
+    @property
+    def coordinates(self) -> Coordinates:
+        """What is planned: the joints, or the coordinates of the simplified model."""
+        if self.model == "simplified":
+            return simplified_coordinates(self.machine, self.start)
+        return Coordinates.identity(self.machine.size)
+
+    def _check_model(self) -> None:
+        if self.distance_limits is not None and self.model != "simplified":
+            raise ProblemError('distance_limits belong to model="simplified"')
+        if self.distance_limits is not None and not isinstance(self.distance_limits, DistanceLimits):
+            raise ProblemError(f"distance_limits must be DistanceLimits, not {type(self.distance_limits).__name__}")
+        if self.model == "full":
+            return
+        coordinates = self.coordinates
+        for name, values, fitted in (
+            ("goal", self.goal, coordinates.joints(coordinates.coordinates_of(self.goal))),
+            ("start velocity", self.start_velocity, coordinates.rates(coordinates.rates_of(self.start_velocity))),
+            ("goal velocity", self.goal_velocity, coordinates.rates(coordinates.rates_of(self.goal_velocity))),
+        ):
+            worst = int(np.argmax(np.abs(values - fitted)))
+            if abs(values[worst] - fitted[worst]) > FORM_TOLERANCE:
+                raise ProblemError(
+                    f"the simplified model cannot reach the {name}: its joint {self.machine.joint_names[worst]!r} would be "
+                    f"at {fitted[worst]:.6g}, not {values[worst]:.6g} (eq. 7; the head keeps its attitude at the start)"
+                )
 
     def _check_support(self) -> None:
         support = self.machine.support

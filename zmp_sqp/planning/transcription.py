@@ -92,7 +92,7 @@ class Transcription:
         self._rows = np.vstack([bounds.wrench_rows, least]) / (bounds.weight * S)
         self._row_offset = np.zeros(len(self._rows))
         self._row_offset[-1] = LEAST_NORMAL_FORCE
-        self.layout = layout_of(intervals, self.n, len(self._rows), hold)
+        self.layout = layout_of(intervals, self.n, len(self._rows) + model.extra_rows, hold)
         self._rate_share = bounds.velocity * reference / self.rate_scale
         self._control_share = bounds.acceleration * S / self.control_scale
         self._control_step = self.control_scale / self.rate_scale / intervals
@@ -134,14 +134,18 @@ class Transcription:
 
     def evaluate(self, x: Array) -> Evaluation:
         """Values at x."""
-        return self._evaluation(x, self.model.wrench(*self._states(x)))
+        states = self._states(x)
+        return self._evaluation(x, self.model.wrench(*states), self.model.extra(*states)[0] / self.reference**2)
 
     def linearize(self, x: Array) -> Linearization:
         """Values and first derivatives at x."""
         N, layout = self.N, self.layout
-        wrench, slopes = self.model.wrench_derivatives(*self._states(x))
+        states = self._states(x)
+        wrench, slopes = self.model.wrench_derivatives(*states)
         slopes = self._rows @ slopes  # (3N, E, 3n + 1)
         slopes[:, :, -1] += self._row_offset / self.reference**2
+        extra, extra_slopes = self.model.extra(*states)
+        slopes = np.concatenate([slopes, extra_slopes / self.reference**2], axis=1)
         start, end, middle = (
             self._from_start(slopes[i * N : (i + 1) * N], s) for i, s in ((0, 0.0), (1, 1.0), (2, 0.5))
         )
@@ -165,7 +169,7 @@ class Transcription:
         gradient, tie_gradient = np.zeros((2, layout.size))
         gradient[-1] = 1.0
         tie_gradient[layout.controls] = self._tie_weight * x[layout.controls]
-        at = self._evaluation(x, wrench)
+        at = self._evaluation(x, wrench, extra / self.reference**2)
         return Linearization(at, gradient, tie_gradient, A, C, self._basis(at.equalities, root_slope))
 
     def hessian(self, x: Array, y: Array, z: Array, *, convex: bool) -> sp.csr_array:
@@ -180,7 +184,7 @@ class Transcription:
             diagonal[-1] = max(diagonal[-1], 0.0)
         weights = z[self.nonlinear_rows].reshape(3 * self.N, -1)
         weights[: self.N] += weights[2 * self.N :]  # a control point's curvature is that of the start but for O(h)
-        weights = weights[: 2 * self.N]
+        weights = weights[: 2 * self.N, : len(self._rows)]  # the wrench's rows alone
         active = np.flatnonzero(weights.max(axis=1) > 0.0)
         if not len(active):
             return sp.csr_array(sp.diags_array(diagonal))
@@ -217,11 +221,11 @@ class Transcription:
             parts.append(level * by_alpha + h * once * by_w + h**2 * twice * by_q)
         return np.concatenate([*parts, slopes[..., 3 * n :]], axis=-1)
 
-    def _evaluation(self, x: Array, wrench: Array) -> Evaluation:
+    def _evaluation(self, x: Array, wrench: Array, extra: Array) -> Evaluation:
         layout, bounds, hold, N = self.layout, self.bounds, self.hold, self.N
         q, w, controls, sigma = layout.split(x)
         root = np.sqrt(sigma) if sigma > 0.0 else np.nan
-        rows = wrench @ self._rows.T + sigma * self._row_offset
+        rows = np.hstack([wrench @ self._rows.T + sigma * self._row_offset, extra])
         rows[2 * N :] = 2.0 * rows[2 * N :] - 0.5 * (rows[:N] + rows[N : 2 * N])
         limit, rate = self._control_share * sigma, self._rate_share * root
         rates = np.vstack([w, *(w[:-1] + point * self._control_step * controls[:, 0] for point in hold.rate_points)])
