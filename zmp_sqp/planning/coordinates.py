@@ -36,7 +36,7 @@ class Coordinates:
     @property
     def size(self) -> int:
         """Number m of coordinates."""
-        return self.G.shape[1]
+        return int(self.G.shape[1])
 
     def joints(self, y: Array) -> Array:
         """Joint coordinates, shape (..., n)."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from zmp_sqp.arrays import Array
+from zmp_sqp.mechanics.limits import JointLimits
 from zmp_sqp.planning.double_integrator import grid_profile, minimum_time
 from zmp_sqp.planning.model import StageModel
 from zmp_sqp.planning.transcription import Boundary, PathBounds

@@ -109,8 +109,8 @@ class Problem:
             worst = int(np.argmax(np.abs(values - fitted)))
             if abs(values[worst] - fitted[worst]) > FORM_TOLERANCE:
                 raise ProblemError(
-                    f"the simplified model cannot reach the {name}: its joint {self.machine.joint_names[worst]!r} would be "
-                    f"at {fitted[worst]:.6g}, not {values[worst]:.6g} (eq. 7; the head keeps its attitude at the start)"
+                    f"the simplified model cannot reach the {name}: its joint "
+                    f"{self.machine.joint_names[worst]!r} would be at {fitted[worst]:.6g}, not {values[worst]:.6g} (eq. 7; the head keeps its attitude at the start)"
                 )
 
     def _check_support(self) -> None:

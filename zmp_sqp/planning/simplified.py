@@ -22,8 +22,8 @@ FORM_TOLERANCE = 1e-6  # [m, rad] how far the chain, a start or a goal may be fr
 class DistanceLimits:
     """The paper's bounds on the lumped mass alone, in place of those of boom, stick and levelling joint.
 
-    The paper tightens them by hand until the joints hold; so does whoever uses them: a plan whose joints exceed their own
-    limits is not successful.
+    The paper tightens them by hand until the joints hold; so does whoever uses them: a plan whose joints exceed their
+    own limits is not successful.
 
     Attributes:
         velocity: Largest |d'| [m/s].
@@ -109,8 +109,12 @@ class LumpedMass:
         least = self.B * max(min(np.cos(lower), np.cos(upper)), 1e-2)
         rate = bounds.velocity / least
         push = (bounds.acceleration + self.B * rate**2) / least
-        changes = {"velocity": [joints.velocity[0], rate], "acceleration": [joints.acceleration[0], push],
-                   "position_lower": [joints.position_lower[0], lower], "position_upper": [joints.position_upper[0], upper]}  # fmt: skip
+        changes = {
+            "velocity": [joints.velocity[0], rate],
+            "acceleration": [joints.acceleration[0], push],
+            "position_lower": [joints.position_lower[0], lower],
+            "position_upper": [joints.position_upper[0], upper],
+        }
         return joints.updated(changes, ("slew", "boom"))
 
     def motion(self, boom: Array, rate: Array, acceleration: Array) -> tuple[Array, Array, Array]:
@@ -125,20 +129,20 @@ def simplified_coordinates(machine: Machine, start: Array) -> Coordinates:
     .. math:: q_3 = -\pi - 2 q_2, \quad q_4 = c - q_2 - q_3, \quad q_5 = \text{const}
 
     with c, the head's attitude, and q_5 from the start pose. The distance d of the lumped mass is monotone in the boom
-    angle (`LumpedMass`), so both describe the same motions; in the boom angle the limits of the real joints are linear and
-    the joints' motion is a polynomial, exactly.
+    angle (`LumpedMass`), so both describe the same motions; in the boom angle the limits of the real joints are
+    linear and the joints' motion is a polynomial, exactly.
 
     Args:
-        machine: A slew joint, then boom, stick and levelling joint with parallel horizontal axes, boom and stick of equal
-            length and in line at q = 0; joints beyond keep their start angles.
+        machine: A slew joint, then boom, stick and levelling joint with parallel horizontal axes, boom and stick of
+            equal length and in line at q = 0; joints beyond keep their start angles.
         start: Joint coordinates, shape (n,) [rad].
 
     Returns:
         Map from (slew, boom) to all joints.
 
     Raises:
-        ProblemError: The chain does not have this form, or the start pose is not one of the model; the message says what
-            is off.
+        ProblemError: The chain does not have this form, or the start pose is not one of the model; the message says
+            what is off.
     """
     names = machine.joint_names
     if len(names) < 4:
@@ -149,7 +153,8 @@ def simplified_coordinates(machine: Machine, start: Array) -> Coordinates:
     off = start[2] + np.pi + 2.0 * start[1]
     if abs(off) > FORM_TOLERANCE:
         raise ProblemError(
-            f"the simplified model needs {names[2]!r} = -pi - 2 {names[1]!r} (eq. 7), here {-np.pi - 2.0 * start[1]:.6g}, "
+            f"the simplified model needs {names[2]!r} = -pi - 2 {names[1]!r} (eq. 7), "
+            f"here {-np.pi - 2.0 * start[1]:.6g}, "
             f"but the start has {start[2]:.6g}"
         )
     G = np.zeros((len(names), 2))
@@ -192,5 +197,6 @@ def _check_chain(machine: Machine) -> None:
         raise ProblemError(f"the simplified model needs {names[1]!r} and {names[2]!r} to point straight up at q = 0")
     if abs(boom[2] - stick[2]) > FORM_TOLERANCE:
         raise ProblemError(
-            f"the simplified model needs boom and stick of equal length, but they are {boom[2]:.4g} m and {stick[2]:.4g} m"
+            "the simplified model needs boom and stick of equal length, "
+            f"but they are {boom[2]:.4g} m and {stick[2]:.4g} m"
         )
