@@ -24,11 +24,12 @@ from zmp_sqp.mechanics import (
     stability_margin,
     zmp,
 )
-from zmp_sqp.planning import DistanceLimits, Plan, Problem, Status, Trajectory, phase_plane, plan
+from zmp_sqp.planning import Certificate, DistanceLimits, Plan, Problem, Status, Trajectory, certify, phase_plane, plan
 
 __version__ = "0.1.0"
 
 __all__ = [
+    "Certificate",
     "ContactLost",
     "DistanceLimits",
     "Ground",
@@ -47,6 +48,7 @@ __all__ = [
     "Trajectory",
     "TrajectoryError",
     "ZmpSqpError",
+    "certify",
     "load_machine",
     "phase_plane",
     "plan",

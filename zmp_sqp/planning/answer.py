@@ -6,6 +6,7 @@ import enum
 from dataclasses import dataclass, field
 
 from zmp_sqp.errors import NotSolved
+from zmp_sqp.planning.certificate import Certificate
 from zmp_sqp.planning.problem import Problem
 from zmp_sqp.planning.trajectory import Trajectory
 from zmp_sqp.sqp.result import IterationRecord
@@ -48,7 +49,7 @@ class Plan:
             much.
         duration: Of the trajectory, or of the last attempt [s].
         lower_bound: No motion within the joint limits can be faster [s].
-        margin: Least signed distance from the ZMP to an edge, sampled between the nodes too [m].
+        certificate: What is guaranteed of the last motion for all t, not only at nodes.
         iterations: QPs solved.
         solve_time: Wall time of the whole planning [s].
         history: One record per SQP iteration.
@@ -61,7 +62,7 @@ class Plan:
     message: str
     duration: float
     lower_bound: float
-    margin: float
+    certificate: Certificate
     iterations: int
     solve_time: float
     history: tuple[IterationRecord, ...] = field(repr=False)
@@ -72,6 +73,11 @@ class Plan:
     def success(self) -> bool:
         """Whether `trajectory` is safe for all t."""
         return self.status.success
+
+    @property
+    def margin(self) -> float:
+        """Guaranteed signed distance from the ZMP to the nearest edge at all times [m]."""
+        return self.certificate.margin
 
     @property
     def trajectory(self) -> Trajectory:

@@ -1,4 +1,4 @@
-"""From a problem to a plan: guess, transcribe, solve, verify on a finer grid, tighten where that fails."""
+"""From a problem to a plan: guess, transcribe, solve, certify, tighten where that fails."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from zmp_sqp.arrays import Array, finite_number
 from zmp_sqp.errors import ProblemError
 from zmp_sqp.mechanics.ground import GRAVITY
 from zmp_sqp.planning.answer import Plan, Status
+from zmp_sqp.planning.certificate import Certificate, certify
 from zmp_sqp.planning.double_integrator import grid_minimum_time
 from zmp_sqp.planning.guess import initial_guess, kinematic_lower_bound
 from zmp_sqp.planning.hold import CONSTANT, LINEAR, slope_ties
@@ -21,7 +22,6 @@ from zmp_sqp.planning.problem import Problem
 from zmp_sqp.planning.simplified import LumpedMass
 from zmp_sqp.planning.trajectory import Trajectory
 from zmp_sqp.planning.transcription import Boundary, PathBounds, Transcription
-from zmp_sqp.planning.verification import Verification, verify
 from zmp_sqp.sqp.backends import make_backend
 from zmp_sqp.sqp.result import IterationRecord, SQPResult, SQPStatus
 from zmp_sqp.sqp.solver import SQP, SQPSettings
@@ -29,9 +29,8 @@ from zmp_sqp.sqp.solver import SQP, SQPSettings
 __all__ = ["plan"]
 
 FALLBACK = "piqp"
-GUARD = 1e-6  # [m] kept inside the asked margin, so that the answer keeps the margin itself
+GUARD = 5e-5  # [m] kept inside the asked margin, so that a proof of the margin is cheap
 LIMIT_GUARD = 1e-8  # relative, likewise for the joint limits
-LIMIT_TOLERANCE = 1e-9  # largest excess over a joint limit of a plan
 UNBOUNDED = 1e4  # [rad or m] stands for a position limit that is infinite
 MAX_TIGHTENINGS = 6
 REFINEMENTS = 15  # iterations with linear accelerations; what is not feasible by then is dropped
@@ -58,7 +57,7 @@ def plan(
     .. math:: \min T \quad \text{s.t. ZMP in the polygon, joint limits} \qquad \text{(Song \& Sharf 2020, eq. (19))}
 
     First with an acceleration per interval; where the ZMP then costs time, again with accelerations that run linearly
-    within the intervals, so that the ZMP can follow an edge. The result is looked at on a finer grid; if it leaves the
+    within the intervals, so that the ZMP can follow an edge. The result is certified for all t; if it leaves the
     polygon between the nodes, the rows are drawn in by what is missing and it is solved again.
 
     Args:
@@ -131,9 +130,9 @@ def plan(
     tightened = 0.0
     for _ in range(MAX_TIGHTENINGS):
         attempt = _trajectory(problem, nlp, result.x)
-        checked = verify(problem.machine, attempt, problem.ground)
+        checked = certify(problem.machine, attempt, problem.ground, problem.margin)
         status = OUTCOMES.get(result.status, Status.FAILED)
-        if not status.success or _is_safe(checked, problem):
+        if not status.success or checked.safe:
             break
         status = Status.UNSAFE_BETWEEN_NODES  # unless the next round mends it
         tightened += 1.5 * max(problem.margin - checked.margin, GUARD)
@@ -145,7 +144,7 @@ def plan(
         message=_message(problem, status, checked),
         duration=attempt.duration,
         lower_bound=lower_bound,
-        margin=checked.margin,
+        certificate=checked,
         iterations=len(history),
         solve_time=time.perf_counter() - started,
         history=tuple(history),
@@ -212,11 +211,7 @@ def _trajectory(problem: Problem, nlp: Transcription, x: Array) -> Trajectory:
     return Trajectory(problem.machine.joint_names, times, q, w / duration, ends[0], jerks)
 
 
-def _is_safe(checked: Verification, problem: Problem) -> bool:
-    return checked.margin >= problem.margin and checked.limit_excess <= LIMIT_TOLERANCE
-
-
-def _message(problem: Problem, status: Status, checked: Verification) -> str:
+def _message(problem: Problem, status: Status, checked: Certificate) -> str:
     if status.success or problem.machine.support is None:
         return str(status)
     if checked.limit_excess > 1e-6:
@@ -225,10 +220,10 @@ def _message(problem: Problem, status: Status, checked: Verification) -> str:
         return str(status)
     edge = problem.machine.support.edge_name(checked.edge)
     if not np.isfinite(checked.margin):
-        return f"{status} At {checked.time:.2f} s the machine would lift off the ground."
+        return f"{status} At {checked.margin_at:.2f} s the machine would lift off the ground."
     short = problem.margin - checked.margin
     kept = f" less the margin of {problem.margin:.3g} m" if problem.margin else ""
-    return f"{status} At {checked.time:.2f} s the ZMP would leave the {edge} edge{kept} by {short:.3f} m."
+    return f"{status} At {checked.margin_at:.2f} s the ZMP would leave the {edge} edge{kept} by {short:.3f} m."
 
 
 def _already_there(problem: Problem, qp_solver: str, started: float) -> Plan:
@@ -236,9 +231,9 @@ def _already_there(problem: Problem, qp_solver: str, started: float) -> Plan:
     n = problem.machine.size
     still = np.zeros((2, n))
     attempt = Trajectory(problem.machine.joint_names, np.zeros(2), np.vstack([problem.start] * 2), still, still[:1])
-    checked = verify(problem.machine, attempt, problem.ground)
+    checked = certify(problem.machine, attempt, problem.ground, problem.margin)
     return Plan(
         problem=problem, status=Status.FASTEST_POSSIBLE, message=str(Status.FASTEST_POSSIBLE), duration=0.0,
-        lower_bound=0.0, margin=checked.margin, iterations=0, solve_time=time.perf_counter() - started, history=(),
+        lower_bound=0.0, certificate=checked, iterations=0, solve_time=time.perf_counter() - started, history=(),
         qp_solver=qp_solver, attempt=attempt,
     )  # fmt: skip

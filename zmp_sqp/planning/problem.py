@@ -110,7 +110,8 @@ class Problem:
             if abs(values[worst] - fitted[worst]) > FORM_TOLERANCE:
                 raise ProblemError(
                     f"the simplified model cannot reach the {name}: its joint "
-                    f"{self.machine.joint_names[worst]!r} would be at {fitted[worst]:.6g}, not {values[worst]:.6g} (eq. 7; the head keeps its attitude at the start)"
+                    f"{self.machine.joint_names[worst]!r} would be at {fitted[worst]:.6g}, not {values[worst]:.6g} "
+                    "(eq. 7; the head keeps its attitude at the start)"
                 )
 
     def _check_support(self) -> None:

@@ -75,8 +75,11 @@ class Trajectory:
                     "(accelerations run linearly from node to node)"
                 )
 
+    def state_in(self, k: Indices, since: Array) -> tuple[Array, Array, Array]:
+        """States (q, v, a) in the intervals k at times `since` after their starts, shape (K,) each [s]."""
+        return self._after(k, since[:, None])
+
     def _after(self, k: Indices, since: Array) -> tuple[Array, Array, Array]:
-        """State at times `since`, shape (K, 1), after the nodes k, shape (K,)."""
         a, j = self.accelerations[k], self.jerks[k]
         v = self.velocities[k] + since * a + 0.5 * since**2 * j
         q = self.positions[k] + since * self.velocities[k] + 0.5 * since**2 * a + since**3 * j / 6.0
@@ -182,8 +185,7 @@ class Trajectory:
         for column in wanted:
             if header.count(column) != 1:
                 raise TrajectoryError(
-                    f"{path}: column {column!r} must be there once, but is there "
-                    f"{header.count(column)} times"
+                    f"{path}: column {column!r} must be there once, but is there {header.count(column)} times"
                 )
         for column in header:
             if column not in wanted:

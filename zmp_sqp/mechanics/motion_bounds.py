@@ -1,0 +1,103 @@
+"""Rigorous bounds on how fast the ground reaction wrench can change, from norms alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import comb
+
+import numpy as np
+
+from zmp_sqp.arrays import Array
+from zmp_sqp.mechanics.ground import GRAVITY
+from zmp_sqp.mechanics.machine import Machine
+
+__all__ = ["WrenchCurvatureBound", "wrench_curvature_bound"]
+
+ORDERS = 5  # positions up to the fourth derivative: the wrench holds the second one, and is differentiated twice
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WrenchCurvatureBound:
+    """Upper bounds on the second time derivatives of the ground reaction over K stretches of time.
+
+    Attributes:
+        force: Of |d^2 f / dt^2|, shape (K,) [N/s^2].
+        moment: Of |d^2 tau / dt^2| about the root origin, shape (K,) [N m/s^2].
+    """
+
+    force: Array
+    moment: Array
+
+
+def wrench_curvature_bound(machine: Machine, v: Array, a: Array, j: Array, *, reach: Array) -> WrenchCurvatureBound:
+    r"""Bounds that hold for every motion whose rates, accelerations and jerks stay below the given ones.
+
+    With c_i the bodies' centres of mass and L_i their angular momenta,
+
+    .. math::
+        \ddot f = \sum m_i c_i^{(4)}, \quad
+        \ddot \tau = \sum m_i (c_i \times (\ddot c_i - g))'' + \dddot L_i
+
+    The norms of all derivatives follow from root to tip: a vector b fixed in a body that turns with w has
+    :math:`b' = w \times b`, hence by Leibniz :math:`|b^{(k+1)}| \le \sum_j \binom{k}{j} |w^{(j)}| |b^{(k-j)}|`; a joint
+    adds its axis times the rate to w; an inertia tensor in world axes has :math:`|I'| \le 2 |w| |I|`.
+
+    Args:
+        machine: The machine on a standing base.
+        v: Largest |rate| of each joint in each stretch, shape (K, n) [rad/s or m/s].
+        a: Largest |acceleration|, shape (K, n).
+        j: Largest |jerk|, shape (K, n); higher derivatives are zero.
+        reach: Largest |coordinate|, shape (K, n); matters for sliding joints alone [m].
+    """
+    model = machine.model
+    count = len(v)
+    zero = np.zeros(count)
+    rates = np.zeros((ORDERS + 1, model.nv, count))  # [0] coordinate, [1] rate, ...
+    for order, values in enumerate((reach, v, a, j)):
+        rates[order, machine.index_v] = values.T
+    spin: list[list[Array]] = [[zero] * (ORDERS - 1)]  # |w^(k)|, k = 0..3, of the universe
+    place: list[list[Array]] = [[zero] * ORDERS]  # |p^(k)|, k = 0..4, of the joint origins
+    force, moment = np.zeros(count), np.zeros(count)
+    for joint in range(1, model.njoints):
+        parent = model.parents[joint]
+        turned = _turning(spin[parent])  # what a unit vector fixed in the parent does
+        offset = float(np.linalg.norm(model.jointPlacements[joint].translation))
+        origin = [place[parent][k] + turned[k] * offset for k in range(ORDERS)]
+        own = list(spin[parent])
+        if joint > 1:  # the root itself stands still
+            q = rates[:, model.joints[joint].idx_v]
+            slides = model.joints[joint].shortname().startswith(("JointModelP", "JointModelMimicP"))
+            if slides:
+                extra = [_leibniz(turned, q, k) for k in range(ORDERS)]
+                origin = [origin[k] + extra[k] for k in range(ORDERS)]
+            else:
+                own = [spin[parent][k] + _leibniz(turned, q[1:], k) for k in range(ORDERS - 1)]
+        spin.append(own)
+        place.append(origin)
+        inertia = model.inertias[joint]
+        body = _turning(own)
+        lever = float(np.linalg.norm(inertia.lever))
+        centre = [origin[k] + body[k] * lever for k in range(ORDERS)]
+        push = [centre[2] + GRAVITY, centre[3], centre[4]]
+        force += inertia.mass * centre[4]
+        moment += inertia.mass * _leibniz(centre, push, 2)
+        largest = float(np.linalg.norm(inertia.inertia, 2))
+        if largest > 0.0:
+            tensor = [np.full(count, largest)]
+            for k in range(3):
+                tensor.append(2.0 * _leibniz(own, tensor, k))
+            moment += _leibniz(tensor, own, 3)
+    return WrenchCurvatureBound(force, moment)
+
+
+def _turning(spin: list[Array]) -> list[Array]:
+    """Norms of the derivatives, 0 to 4, of a unit vector fixed in a body with |w^(k)| <= spin[k]."""
+    unit = [np.ones_like(spin[0])]
+    for k in range(ORDERS - 1):
+        unit.append(_leibniz(spin, unit, k))
+    return unit
+
+
+def _leibniz(first: list[Array] | Array, second: list[Array] | Array, k: int) -> Array:
+    """Bound on the k-th derivative of a product of two factors with bounded derivatives."""
+    return np.asarray(sum(comb(k, i) * first[i] * second[k - i] for i in range(k + 1)))
