@@ -31,6 +31,7 @@ __all__ = ["plan"]
 FALLBACK = "piqp"
 GUARD = 5e-5  # [m] kept inside the asked margin, so that a proof of the margin is cheap
 LIMIT_GUARD = 1e-8  # relative, likewise for the joint limits
+RATE_SLACK = 1e-10  # relative, above boundary rates that use up the guard
 UNBOUNDED = 1e4  # [rad or m] stands for a position limit that is infinite
 MAX_TIGHTENINGS = 6
 REFINEMENTS = 15  # iterations with linear accelerations; what is not feasible by then is dropped
@@ -173,10 +174,12 @@ def _bounds(problem: Problem, model: ArmModel, *, tightened: float) -> PathBound
     lower = np.maximum(limits.position_lower, -UNBOUNDED) + LIMIT_GUARD
     upper = np.minimum(limits.position_upper, UNBOUNDED) - LIMIT_GUARD
     both = np.vstack([model.coordinates.coordinates_of(q) for q in (problem.start, problem.goal)])
+    rates = [model.coordinates.rates_of(v) for v in (problem.start_velocity, problem.goal_velocity)]
     return PathBounds(
         position_lower=np.minimum(lower, both.min(axis=0)),
         position_upper=np.maximum(upper, both.max(axis=0)),
-        velocity=limits.velocity * (1.0 - LIMIT_GUARD),
+        # a boundary rate that uses up the guard would make a row (v_0 - v) sqrt(S) <= 0 that only S = 0 satisfies
+        velocity=np.maximum(limits.velocity * (1.0 - LIMIT_GUARD), np.abs(rates).max(axis=0) * (1.0 + RATE_SLACK)),
         acceleration=limits.acceleration * (1.0 - LIMIT_GUARD),
         wrench_rows=support.wrench_rows(problem.margin + GUARD + tightened),
         weight=machine.mass * GRAVITY,
@@ -195,15 +198,17 @@ def _grid_bound(start: Boundary, goal: Boundary, bounds: PathBounds, intervals: 
 
 def _trajectory(problem: Problem, nlp: Transcription, x: Array) -> Trajectory:
     """The motion in seconds: it arrives to the last digit, and no limit is missed by rounding."""
-    y, rates, controls, S = nlp.arrived(x)
-    coordinates = nlp.model.coordinates
-    q, w, controls = coordinates.joints(y), coordinates.rates(rates), coordinates.rates(controls)
-    limits = problem.machine.limits
+    coordinates, limits = nlp.model.coordinates, problem.machine.limits
+
+    def motion(x: Array) -> tuple[Array, Array, Array, float]:
+        y, rates, controls, S = nlp.arrived(x)
+        return coordinates.joints(y), coordinates.rates(rates), coordinates.rates(controls), float(np.sqrt(S))
+
+    q, w, controls, duration = motion(x)
     rates, pushes = np.abs(w) / limits.velocity, np.abs(controls) / limits.acceleration
     needed = max(float(rates.max()), float(np.sqrt(pushes.max())))  # the duration at which no limit is exceeded
-    duration = np.sqrt(S)
     if duration < needed <= duration * (1.0 + 1e-7):
-        duration = needed
+        q, w, controls, duration = motion(np.append(x[:-1], (needed / nlp.reference) ** 2))  # boundary rates stay
     times = np.linspace(0.0, duration, problem.intervals + 1)
     start, end = (nlp.hold.shapes(s)[0] for s in (0.0, 1.0))
     ends = [np.einsum("c,kcn->kn", shape, controls) / duration**2 for shape in (start, end)]
@@ -227,10 +232,9 @@ def _message(problem: Problem, status: Status, checked: Certificate) -> str:
 
 
 def _already_there(problem: Problem, qp_solver: str, started: float) -> Plan:
-    """Start and goal are the same state at rest: a motion of no duration."""
-    n = problem.machine.size
-    still = np.zeros((2, n))
-    attempt = Trajectory(problem.machine.joint_names, np.zeros(2), np.vstack([problem.start] * 2), still, still[:1])
+    """Start and goal are the same state, at rest or in motion: a motion of no duration."""
+    q, v = (np.vstack([part] * 2) for part in (problem.start, problem.start_velocity))
+    attempt = Trajectory(problem.machine.joint_names, np.zeros(2), q, v, 0.0 * v[:1])
     checked = certify(problem.machine, attempt, problem.ground, problem.margin)
     return Plan(
         problem=problem, status=Status.FASTEST_POSSIBLE, message=str(Status.FASTEST_POSSIBLE), duration=0.0,
