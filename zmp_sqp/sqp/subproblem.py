@@ -23,6 +23,7 @@ PRIMAL_TOLERANCE = 1e-7  # of a QP solution that is believed, scaled units
 DUAL_TOLERANCE = 1e-5  # likewise
 SCREEN = 0.05  # rows closer to their bound than this are in the first working set
 ADDED = 1e-9  # rows that a screened solution violates by more join the working set
+DEPENDENT = 1e-13  # of the Gram matrix's diagonal, relative, added to it against dependent rows
 MAX_ROUNDS = 12  # of adding violated rows
 
 
@@ -132,7 +133,11 @@ class Subproblem:
             move = solution.x[: len(g)]
             dx = d + (move if self._Z is None else self._Z @ move)
             if not solved:
-                break
+                if self._sparse or working[~self.nonlinear].all():
+                    break
+                working |= ~self.nonlinear  # without their bounds, variables of the screened QP may have none
+                warm = None
+                continue
             added = ~working & (self.lin.C @ dx + self.lin.at.inequalities - t * self.nonlinear > ADDED)
             if not added.any():
                 break
@@ -143,6 +148,23 @@ class Subproblem:
         z[z < 1e-10 * max(1.0, float(z.max(initial=0.0)))] = 0.0  # an interior point leaves dust on inactive rows
         y = solution.y[self._kept_equalities :] if self._sparse else solution.y
         return Step(dx, y, z, max(t, 0.0), solved, solution.backend, inner, len(index))
+
+    def shortest_step(self, active: Mask) -> Array | None:
+        """Least step, in free variables, onto the linearised equalities and these inequalities; None if sparse.
+
+        Dependent rows are met in the least-squares sense.
+        """
+        if self._sparse:
+            return None
+        index = np.flatnonzero(active)
+        rows = np.vstack([self._A, self._rows(index)])
+        gram = rows @ rows.T
+        gram[np.diag_indices_from(gram)] += DEPENDENT * gram.diagonal().max()
+        try:
+            move = rows.T @ np.linalg.solve(gram, np.concatenate([self._b, self._u[index]]))
+        except np.linalg.LinAlgError:
+            return None
+        return self._d + (move if self._Z is None else self._Z @ move)
 
     def _attempt(self, qp: QP, warm: QPSolution | None) -> tuple[QPSolution, bool, int]:
         count = 0
