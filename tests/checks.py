@@ -43,7 +43,8 @@ class Oracle:
         if scene.point_masses:
             for i in range(2, model.njoints):  # what is fixed to the root stands still: its inertia does not matter
                 model.inertias[i] = pin.Inertia(model.inertias[i].mass, model.inertias[i].lever, np.zeros((3, 3)))
-        self.points = [(i, model.inertias[i].mass, model.inertias[i].lever) for i in range(1, model.njoints)]
+        bodies = [(i, model.inertias[i]) for i in range(1, model.njoints)]
+        self.points = [(i, body.mass, body.lever.copy()) for i, body in bodies]  # a lever is a view, and the tree comes
         if scene.tree is not None:
             joint = model.getJointId(scene.tree.frame)  # link and joint share their name and frame
             inertia = np.zeros((3, 3)) if scene.point_masses else scene.tree.inertia

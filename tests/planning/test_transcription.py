@@ -1,0 +1,208 @@
+"""Derivatives, null-space basis and points of the transcription, against central differences."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.checks import Oracle, central_differences
+from tests.problems import FOOTPRINT, GRAVITY, Scene, Tree, slider
+from zmp_sqp.planning.coordinates import Coordinates
+from zmp_sqp.planning.hold import CONSTANT, LINEAR, Hold
+from zmp_sqp.planning.model import ArmModel, wrench_curvature
+from zmp_sqp.planning.transcription import LEAST_NORMAL_FORCE, Boundary, PathBounds, Transcription
+
+DERIVATIVE = 2e-7  # central differences with a step of 1e-6 on rows of order one
+CURVATURE = 1e-5  # differences of differences
+ROUNDING = 1e-12
+N = 4
+REFERENCE = 2.3  # [s]
+
+
+@dataclass(frozen=True)
+class Case:
+    scene: Scene
+    nlp: Transcription
+
+    def point(self, seed: int = 0) -> np.ndarray:
+        """Any accelerations, gaps closed; it need not arrive."""
+        rng = np.random.default_rng(seed)
+        controls = rng.normal(0.0, 3.0, (N, self.nlp.hold.controls, self.nlp.n))
+        return self.nlp.pack(controls, 1.3 * REFERENCE**2)
+
+    def anywhere(self, seed: int = 0) -> np.ndarray:
+        """A point with open gaps."""
+        x = self.point(seed)
+        x[:-1] += np.random.default_rng(seed + 1).normal(0.0, 0.1, len(x) - 1)
+        return x
+
+
+def make(machine: str, *, moving: bool, hold: Hold) -> Case:
+    if machine == "slider":
+        scene, start, goal = slider().scene, np.array([-0.3]), np.array([0.3])
+    else:
+        scene = Scene("feller_buncher", FOOTPRINT, Tree(3000.0), roll=-0.2, pitch=0.15)
+        start, goal = np.array([0.1, -0.5, -2.0, 0.5, -1.5]), np.array([1.4, -0.2, -1.2, 1.0, 0.3])
+    loaded, n = scene.load(), len(start)
+    rng = np.random.default_rng(7)
+    v0, v1 = rng.uniform(-0.5, 0.5, (2, n)) * moving
+    support = loaded.support
+    assert support is not None
+    bounds = PathBounds(
+        position_lower=np.full(n, -2.9), position_upper=np.full(n, 3.1), velocity=np.full(n, 0.8),
+        acceleration=np.linspace(1.0, 1.6, n), wrench_rows=support.wrench_rows(0.05), weight=loaded.mass * GRAVITY,
+        least_duration=1.0,
+    )  # fmt: skip
+    model = ArmModel(loaded, scene.ground.gravity(), Coordinates.identity(n))
+    ends = Boundary(start, v0), Boundary(goal, v1)
+    return Case(scene, Transcription(model, *ends, bounds, intervals=N, reference=REFERENCE, hold=hold))
+
+
+@pytest.fixture(
+    params=[(m, v, h) for m in ("feller_buncher", "slider") for v in (False, True) for h in (CONSTANT, LINEAR)],
+    ids=lambda p: f"{p[0]}-{'moving' if p[1] else 'rest'}-{'constant' if p[2] is CONSTANT else 'linear'}",
+)
+def case(request: pytest.FixtureRequest) -> Case:
+    machine, moving, hold = request.param
+    return make(machine, moving=moving, hold=hold)
+
+
+def middle_rows(case: Case) -> slice:
+    """The control points between the interval ends: their Jacobian holds on the manifold of closed gaps alone."""
+    third = case.nlp.layout.wrench_rows // 3
+    return slice(2 * third, 3 * third)
+
+
+def test_equality_jacobian(case: Case) -> None:
+    x = case.anywhere()
+    expected = central_differences(lambda at: case.nlp.evaluate(at).equalities, x)
+    np.testing.assert_allclose(case.nlp.linearize(x).A.toarray(), expected, atol=DERIVATIVE)
+
+
+def test_inequality_jacobian_but_for_the_middle_control_points(case: Case) -> None:
+    x = case.anywhere()
+    expected = central_differences(lambda at: case.nlp.evaluate(at).inequalities, x)
+    rest = np.ones(len(expected), dtype=bool)
+    rest[middle_rows(case)] = False
+    np.testing.assert_allclose(case.nlp.linearize(x).C.toarray()[rest], expected[rest], atol=DERIVATIVE)
+
+
+def test_inequality_jacobian_along_the_manifold_of_closed_gaps(case: Case) -> None:
+    x = case.point()
+    lin = case.nlp.linearize(x)
+    Z = lin.basis.Z
+    expected = central_differences(lambda y: case.nlp.evaluate(x + Z @ y).inequalities, np.zeros(Z.shape[1]))
+    np.testing.assert_allclose(lin.C @ Z, expected, atol=DERIVATIVE * max(1.0, float(np.abs(Z).max())))
+
+
+def test_objective_gradients(case: Case) -> None:
+    x = case.anywhere()
+    lin = case.nlp.linearize(x)
+    both = central_differences(
+        lambda at: np.array([case.nlp.evaluate(at).objective, case.nlp.evaluate(at).tie_breaker]), x
+    )
+    np.testing.assert_allclose(np.vstack([lin.gradient, lin.tie_gradient]), both, atol=DERIVATIVE)
+
+
+def test_linearize_and_evaluate_agree(case: Case) -> None:
+    x = case.anywhere()
+    one, other = case.nlp.evaluate(x), case.nlp.linearize(x).at
+    np.testing.assert_allclose(one.inequalities, other.inequalities, atol=ROUNDING)
+    np.testing.assert_array_equal(one.equalities, other.equalities)
+
+
+def test_basis_spans_the_null_space_of_the_gaps_and_closes_them(case: Case) -> None:
+    lin = case.nlp.linearize(case.anywhere())
+    basis = lin.basis
+    gaps = lin.A[: basis.eliminated]
+    assert np.linalg.matrix_rank(basis.Z) == basis.Z.shape[1] == len(case.nlp.layout.free)
+    assert basis.Z.shape[1] == basis.Z.shape[0] - basis.eliminated
+    np.testing.assert_allclose(gaps @ basis.Z, 0.0, atol=ROUNDING)
+    np.testing.assert_allclose(gaps @ basis.d, -lin.at.equalities[: basis.eliminated], atol=ROUNDING)
+    np.testing.assert_array_equal(basis.Z[basis.free], np.eye(basis.Z.shape[1]))
+    np.testing.assert_array_equal(basis.d[basis.free], 0.0)
+
+
+def test_hessian_of_the_lagrangian(case: Case) -> None:
+    """Multipliers on everything but the middle control points, whose curvature is an approximation, by design."""
+    nlp, x, rng = case.nlp, case.point(3), np.random.default_rng(2)
+    lin = nlp.linearize(x)
+    z = rng.uniform(0.0, 1.0, len(lin.at.inequalities))
+    z[middle_rows(case)] = 0.0
+    y = rng.normal(0.0, 1.0, len(lin.at.equalities))
+    y[: lin.basis.eliminated] = 0.0
+
+    def gradient(at: np.ndarray) -> Any:
+        here = nlp.linearize(at)
+        return here.gradient + here.tie_gradient + here.A.T @ y + here.C.T @ z
+
+    H = nlp.hessian(x, y[lin.basis.eliminated :], z, convex=False).toarray()
+    expected = central_differences(gradient, x)
+    np.testing.assert_allclose(H, expected, atol=CURVATURE * max(1.0, float(np.abs(expected).max())))
+    np.testing.assert_allclose(H, H.T, atol=ROUNDING * float(np.abs(H).max()))
+
+
+def test_convex_hessian_is_positive_semi_definite(case: Case) -> None:
+    rng = np.random.default_rng(2)
+    lin = case.nlp.linearize(case.point(3))
+    z = rng.uniform(0.0, 1.0, len(lin.at.inequalities))
+    H = case.nlp.hessian(case.point(3), np.zeros(2 * case.nlp.n), z, convex=True).toarray()
+    assert np.linalg.eigvalsh(H).min() >= -1e-9 * np.abs(H).max()
+
+
+def test_wrench_curvature(case: Case) -> None:
+    model, rng, S = case.nlp.model, np.random.default_rng(8), 4.0
+    n = model.size
+    q, w, alpha = rng.uniform(-1.0, 1.0, (3, 1, n))
+    weights = rng.normal(0.0, 1e-5, (1, 6))
+
+    def gradient(at: np.ndarray) -> Any:
+        parts = at[:n], at[n : 2 * n], at[2 * n : 3 * n]
+        return weights[0] @ model.wrench_derivatives(*(part[None] for part in parts), at[-1])[1][0]
+
+    expected = central_differences(gradient, np.concatenate([q[0], w[0], alpha[0], [S]]))
+    found = wrench_curvature(model, q, w, alpha, S, weights)[0]
+    np.testing.assert_allclose(found, expected, atol=CURVATURE * float(np.abs(expected).max()))
+
+
+# --- points -----------------------------------------------------------------------------------------------------------
+
+
+def test_pack_closes_the_gaps_and_unpack_undoes_it(case: Case) -> None:
+    rng = np.random.default_rng(9)
+    controls = rng.normal(0.0, 3.0, (N, case.nlp.hold.controls, case.nlp.n))
+    x = case.nlp.pack(controls, 5.0)
+    np.testing.assert_allclose(case.nlp.evaluate(x).equalities[: case.nlp.layout.eliminated], 0.0, atol=ROUNDING)
+    _, _, back, S = case.nlp.unpack(x)
+    np.testing.assert_allclose(back, controls, rtol=ROUNDING)
+    assert pytest.approx(5.0, rel=ROUNDING) == S
+
+
+def test_arrived_meets_the_goal_to_rounding_and_leaves_a_point_alone_that_does(case: Case) -> None:
+    nlp = case.nlp
+    q, w, controls, S = nlp.arrived(case.anywhere())
+    np.testing.assert_allclose(q[0], nlp.start.q, atol=ROUNDING)
+    np.testing.assert_allclose(q[-1], nlp.goal.q, atol=ROUNDING)
+    np.testing.assert_allclose(w[0], nlp.start.v * np.sqrt(S), atol=ROUNDING)
+    np.testing.assert_allclose(w[-1], nlp.goal.v * np.sqrt(S), atol=ROUNDING)
+    again = nlp.arrived(nlp.pack(controls, S))
+    np.testing.assert_allclose(again[2], controls, atol=1e-10)
+
+
+def test_wrench_rows_are_the_distances_to_the_edges_times_the_normal_force(case: Case) -> None:
+    """(e . p - b + margin) f_z, over the weight and the reference's square, at both ends of every interval."""
+    nlp, x = case.nlp, case.point(5)
+    q, w, controls, S = nlp.unpack(x)
+    T, oracle = np.sqrt(S), Oracle(case.scene)
+    rows = nlp.evaluate(x).inequalities[: nlp.layout.wrench_rows].reshape(3, N, -1)
+    force = (LEAST_NORMAL_FORCE * x[-1] - rows[..., -1])[..., None]  # f_z S over the weight and the reference's square
+    for rows_there, force_there, where, push in (
+        (rows[0], force[0], slice(None, -1), controls[:, 0]),
+        (rows[1], force[1], slice(1, None), controls[:, -1]),
+    ):
+        over = oracle.offsets - oracle.zmp(q[where], w[where] / T, push / S) @ oracle.inward.T
+        assert (force_there > 0.0).all()
+        np.testing.assert_allclose(rows_there[:, :-1], (over + 0.05) * force_there, atol=1e-9)
