@@ -22,6 +22,7 @@ ARMIJO_SLOPE = 1e-4  # Nocedal & Wright 2006, eq. (3.4)
 SHORTEST_STEP = 1e-3
 RELAXATION_GROWTH = 10.0  # of rho, when the relaxed QP keeps a slack
 LARGEST_RELAXATION = 1e5
+RESTORATIONS = 4  # Newton steps onto the active rows before a QP is asked again
 ROUNDING = 1e-11  # of the merit function, relative: differences below it are noise
 
 
@@ -64,7 +65,8 @@ class SQP:
       has grown by orders of magnitude, the point is a stationary point of the violation: INFEASIBLE.
     * A step that is refused to its shortest length is tried once more without curvature, then the run ends.
     * While the objective stands at its proven bound, any feasible point is as good as another, so the tie breaker is left
-      out and steps are the shortest ones that meet the linearised constraints.
+      out and steps are the shortest ones that meet the linearised constraints: first onto the rows that were active (no
+      inequality to decide, so no QP), and by QPs if that does not converge.
     * It stops at a feasible point when the objective stands at its proven bound, when the Lagrangian's gradient and the
       complementarity products vanish, or when the QP predicts no decrease; never because steps are short: minimum time
       leaves joints with slack undetermined.
@@ -102,6 +104,19 @@ class SQP:
                 status = SQPStatus.FEASIBLE
             return SQPResult(x, y, z, status, lin.at, tuple(history))
 
+        def record(
+            backend: str, *, inner: int, rows: int, length: float, relaxed: bool = False, curvature: bool = False,
+            corrected: bool = False,
+        ) -> None:  # fmt: skip
+            entry = IterationRecord(
+                iteration=len(history) + 1, backend=backend, inner_iterations=inner, rows=rows, relaxed=relaxed,
+                curvature=curvature, corrected=corrected, objective=lin.at.objective, violation=lin.at.violation,
+                step=length, time=time.perf_counter() - started,
+            )  # fmt: skip
+            history.append(entry)
+            if self.report is not None:
+                self.report(entry)
+
         while True:
             if lin.at.violation <= settings.feasibility:
                 if nlp.optimality_gap(x) <= settings.optimality:
@@ -113,6 +128,12 @@ class SQP:
             if settings.deadline is not None and time.perf_counter() > settings.deadline:
                 return finish(SQPStatus.TIME_LIMIT)
             merit.breaks_ties = nlp.optimality_gap(x) > settings.optimality
+            if not merit.breaks_ties and history:
+                restored = self._restore(nlp, x, lin, z)
+                if restored is not None:
+                    x, lin = restored
+                    record("restoration", inner=0, rows=int((z > 0.0).sum()), length=1.0)
+                    continue
             curved = merit.breaks_ties and z[nonlinear].sum() > settings.curvature_from
             subproblem = Subproblem(lin, nonlinear, self.backend, self.fallback)
             accepted = None
@@ -132,14 +153,30 @@ class SQP:
                 return finish(SQPStatus.STALLED if step.solved else SQPStatus.QP_FAILED)
             x, lin, length, corrected = accepted
             y, z = step.y, step.z
-            record = IterationRecord(
-                iteration=len(history) + 1, backend=step.backend, inner_iterations=step.inner_iterations, rows=step.rows,
-                relaxed=step.relaxation > settings.feasibility, curvature=curvature, corrected=corrected,
-                objective=lin.at.objective, violation=lin.at.violation, step=length, time=time.perf_counter() - started,
+            record(
+                step.backend, inner=step.inner_iterations, rows=step.rows, length=length, curvature=curvature,
+                relaxed=step.relaxation > settings.feasibility, corrected=corrected,
             )  # fmt: skip
-            history.append(record)
-            if self.report is not None:
-                self.report(record)
+
+    def _restore(
+        self, nlp: NonlinearProgram, x: Array, lin: Linearization, z: Array
+    ) -> tuple[Array, Linearization] | None:
+        """Feasible point at the bound by Newton steps onto the active rows, the shortest ones; None if that fails."""
+        active = z > 0.0
+        for _ in range(RESTORATIONS):
+            subproblem = Subproblem(lin, nlp.nonlinear_rows, self.backend, None)
+            dx = subproblem.shortest_step(active | (lin.at.inequalities > 0.0))
+            if dx is None or float((lin.at.inequalities + lin.C @ dx).max()) > self.settings.feasibility:
+                return None  # these rows are not those that will be active
+            before, x = lin.at.violation, x + dx
+            lin = nlp.linearize(x)
+            if not lin.at.is_finite() or nlp.optimality_gap(x) > self.settings.optimality:
+                return None
+            if lin.at.violation <= self.settings.feasibility:
+                return x, lin
+            if lin.at.violation > 0.3 * before:  # not in the basin of quadratic convergence
+                return None
+        return None
 
     def _hessian(
         self, nlp: NonlinearProgram, x: Array, y: Array, z: Array, subproblem: Subproblem, *, curvature: bool
