@@ -27,6 +27,10 @@ class Status(enum.Enum):
     TIME_BUDGET = "Not solved: the time budget ran out first; give more time, or fewer intervals."
     ITERATION_LIMIT = "Not solved: the iteration limit was reached first; try other intervals or another QP solver."
     FAILED = "Not solved: the QP solvers gave up; try another qp_solver, or other intervals."
+    JOINT_LIMITS = (
+        "Not solved: the bounds on the lumped mass let a joint exceed its own limits; tighten distance_limits, "
+        "or leave them out."
+    )
     UNSAFE_BETWEEN_NODES = "Not solved: the motion is safe at its nodes but not between them; use more intervals."
 
     def __str__(self) -> str:

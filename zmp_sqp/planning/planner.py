@@ -135,6 +135,9 @@ def plan(
         status = OUTCOMES.get(result.status, Status.FAILED)
         if not status.success or checked.safe:
             break
+        if problem.distance_limits is not None and not checked.limits_ok:
+            status = Status.JOINT_LIMITS  # drawing in the ZMP's rows does not mend that
+            break
         status = Status.UNSAFE_BETWEEN_NODES  # unless the next round mends it
         tightened += 1.5 * max(problem.margin - checked.margin, GUARD)
         drawn_in = replace(_bounds(problem, model, tightened=tightened), least_duration=bounds.least_duration)
