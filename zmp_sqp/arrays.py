@@ -14,7 +14,13 @@ Indices = npt.NDArray[np.intp]
 
 
 def frozen_array(
-    values: Any, *, name: str, shape: tuple[int | None, ...], error: type[ZmpSqpError], finite: bool = True
+    values: Any,
+    *,
+    name: str,
+    shape: tuple[int | None, ...],
+    error: type[ZmpSqpError],
+    finite: bool = True,
+    labels: tuple[str, ...] = (),
 ) -> Array:
     """Copy of `values` as float64 that nobody can write to.
 
@@ -24,6 +30,7 @@ def frozen_array(
         shape: Expected shape; None stands for any length.
         error: What to raise.
         finite: Whether NaN and infinity are refused.
+        labels: What the entries of the last axis are called, if they have names.
 
     Raises:
         error: Not numbers, wrong shape, or not finite; the message names the first offending entry.
@@ -36,7 +43,8 @@ def frozen_array(
         raise error(f"{name} must have shape {_spell(shape)}, not {array.shape}")
     if finite and not np.isfinite(array).all():
         where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-        raise error(f"{name} must be finite, but entry {list(where)} is {array[where]}")
+        label = f" ({labels[where[-1]]!r})" if labels else ""
+        raise error(f"{name} must be finite, but entry {list(where)}{label} is {array[where]}")
     array.flags.writeable = False
     return array
 

@@ -61,7 +61,7 @@ class Plan:
         attempt: The last motion that was looked at, safe or not; None if there was none.
     """
 
-    problem: Problem
+    problem: Problem = field(repr=False)
     status: Status
     message: str
     duration: float

@@ -66,7 +66,9 @@ class Problem:
             given = getattr(self, name)
             if given is None and name.endswith("velocity"):
                 given = np.zeros(size)
-            object.__setattr__(self, name, frozen_array(given, name=name, shape=(size,), error=ProblemError))
+            names = self.machine.joint_names
+            values = frozen_array(given, name=name, shape=(size,), error=ProblemError, labels=names)
+            object.__setattr__(self, name, values)
         if isinstance(self.intervals, bool) or not isinstance(self.intervals, (int, np.integer)) or self.intervals < 2:
             raise ProblemError(f"intervals must be a whole number of at least 2, not {self.intervals!r}")
         object.__setattr__(self, "intervals", int(self.intervals))
