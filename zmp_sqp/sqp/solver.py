@@ -198,7 +198,7 @@ class SQP:
         if step.solved:
             merit.raise_weights(step)
             return step
-        rho = max(RELAXATION_GROWTH * merit.nu, 10.0)
+        rho = max(min(max(RELAXATION_GROWTH * merit.nu, 10.0), LARGEST_RELAXATION), merit.nu)
         while True:
             step = subproblem.solve(H, gradient, previous=previous, relaxation_weight=rho)
             if not step.solved or step.relaxation <= self.settings.feasibility or rho >= LARGEST_RELAXATION:
