@@ -1,4 +1,4 @@
-"""Rigorous bounds on how fast the ground reaction wrench can change, from norms alone."""
+"""Rigorous bounds on the ground reaction wrench and on how fast it can change, from norms alone."""
 
 from __future__ import annotations
 
@@ -8,29 +8,30 @@ from math import comb
 import numpy as np
 
 from zmp_sqp.arrays import Array
-from zmp_sqp.mechanics.ground import GRAVITY
 from zmp_sqp.mechanics.machine import Machine
 
-__all__ = ["WrenchCurvatureBound", "wrench_curvature_bound"]
+__all__ = ["WrenchBound", "wrench_curvature_bound", "wrench_size_bound"]
 
 ORDERS = 5  # positions up to the fourth derivative: the wrench holds the second one, and is differentiated twice
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class WrenchCurvatureBound:
-    """Upper bounds on the second time derivatives of the ground reaction over K stretches of time.
+class WrenchBound:
+    """Upper bounds on the ground reaction, or on a time derivative of it, over K stretches of time.
 
     Attributes:
-        force: Of |d^2 f / dt^2|, shape (K,) [N/s^2].
-        moment: Of |d^2 tau / dt^2| about the root origin, shape (K,) [N m/s^2].
+        force: Of |f| or |d^2 f / dt^2|, shape (K,) [N, or N/s^2].
+        moment: Of |tau| or |d^2 tau / dt^2| about the root origin, shape (K,) [N m, or N m/s^2].
     """
 
     force: Array
     moment: Array
 
 
-def wrench_curvature_bound(machine: Machine, v: Array, a: Array, j: Array, *, reach: Array) -> WrenchCurvatureBound:
-    r"""Bounds that hold for every motion whose rates, accelerations and jerks stay below the given ones.
+def wrench_curvature_bound(
+    machine: Machine, v: Array, a: Array, j: Array, *, reach: Array, gravity: float
+) -> WrenchBound:
+    r"""Second time derivatives of the wrench in any motion whose rates, accelerations and jerks stay below these.
 
     With c_i the bodies' centres of mass and L_i their angular momenta,
 
@@ -48,13 +49,27 @@ def wrench_curvature_bound(machine: Machine, v: Array, a: Array, j: Array, *, re
         a: Largest |acceleration|, shape (K, n).
         j: Largest |jerk|, shape (K, n); higher derivatives are zero.
         reach: Largest |coordinate|, shape (K, n); matters for sliding joints alone [m].
+        gravity: Norm of gravity [m/s^2].
     """
+    return _bound(machine, (reach, v, a, j), gravity, order=2)
+
+
+def wrench_size_bound(machine: Machine, v: Array, a: Array, j: Array, *, reach: Array, gravity: float) -> WrenchBound:
+    r"""The wrench itself in any such motion, arguments as in `wrench_curvature_bound`.
+
+    It is the sum of the absolute values of all that inverse dynamics adds up, so that rounding errors are a small
+    multiple of machine precision times this.
+    """
+    return _bound(machine, (reach, v, a, j), gravity, order=0)
+
+
+def _bound(machine: Machine, motion: tuple[Array, ...], gravity: float, *, order: int) -> WrenchBound:
     model = machine.model
-    count = len(v)
+    count = len(motion[0])
     zero = np.zeros(count)
     rates = np.zeros((ORDERS + 1, model.nv, count))  # [0] coordinate, [1] rate, ...
-    for order, values in enumerate((reach, v, a, j)):
-        rates[order, machine.index_v] = values.T
+    for k, values in enumerate(motion):
+        rates[k, machine.index_v] = values.T
     spin: list[list[Array]] = [[zero] * (ORDERS - 1)]  # |w^(k)|, k = 0..3, of the universe
     place: list[list[Array]] = [[zero] * ORDERS]  # |p^(k)|, k = 0..4, of the joint origins
     force, moment = np.zeros(count), np.zeros(count)
@@ -78,16 +93,16 @@ def wrench_curvature_bound(machine: Machine, v: Array, a: Array, j: Array, *, re
         body = _turning(own)
         lever = float(np.linalg.norm(inertia.lever))
         centre = [origin[k] + body[k] * lever for k in range(ORDERS)]
-        push = [centre[2] + GRAVITY, centre[3], centre[4]]
-        force += inertia.mass * centre[4]
-        moment += inertia.mass * _leibniz(centre, push, 2)
+        push = [centre[2] + gravity, centre[3], centre[4]]
+        force += inertia.mass * push[order]
+        moment += inertia.mass * _leibniz(centre, push, order)
         largest = float(np.linalg.norm(inertia.inertia, 2))
         if largest > 0.0:
             tensor = [np.full(count, largest)]
             for k in range(3):
                 tensor.append(2.0 * _leibniz(own, tensor, k))
-            moment += _leibniz(tensor, own, 3)
-    return WrenchCurvatureBound(force, moment)
+            moment += _leibniz(tensor, own, order + 1)
+    return WrenchBound(force, moment)
 
 
 def _turning(spin: list[Array]) -> list[Array]:

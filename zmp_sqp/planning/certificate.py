@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from zmp_sqp.arrays import Array, finite_number
-from zmp_sqp.errors import MachineError, ProblemError
+from zmp_sqp.arrays import Array, finite_number, frozen_array
+from zmp_sqp.errors import MachineError, ProblemError, TrajectoryError
 from zmp_sqp.mechanics.ground import Ground
 from zmp_sqp.mechanics.machine import Machine
-from zmp_sqp.mechanics.motion_bounds import wrench_curvature_bound
+from zmp_sqp.mechanics.motion_bounds import WrenchBound, wrench_curvature_bound, wrench_size_bound
 from zmp_sqp.mechanics.wrench import ground_reaction
 from zmp_sqp.planning.double_integrator import minimum_time
 from zmp_sqp.planning.limits_in_time import limit_excess
@@ -21,10 +21,14 @@ __all__ = ["Certificate", "certify"]
 
 STRETCHES = 6  # per interval to begin with
 LONGEST = 0.05  # [s] of a stretch to begin with
+FIRST = 20_000  # stretches to begin with, however long the motion is
 SPLIT = 4  # parts into which a stretch is cut whose bound is too loose
 MAX_STATES = 200_000  # looked at before the bound is left as loose as it is
 LOOSE = 2e-4  # [m] by which the guaranteed margin may fall short of the sampled one
-ROUNDING = 1e-9  # [m] taken off for floating point
+ROUNDING = 1e-9  # [m] taken off for floating point, on top of what is proven of inverse dynamics
+OPERATIONS = 100.0  # roundings that add up in a wrench: at most ten per joint and factor, and to spare
+DRIFT = 1e-6  # [rad/s or m/s, rad or m] that the nodes may add up to beside what the accelerations give
+EPSILON = float(np.finfo(float).eps)
 LIMIT_TOLERANCE = 1e-9  # largest excess over a joint limit of a motion that keeps them
 
 
@@ -37,9 +41,11 @@ class Certificate:
         margin_at: Time of the least sampled distance [s].
         edge: Index of the nearest edge there.
         sampled: Least sampled distance, which the guaranteed one falls short of [m].
-        limits_ok: Whether rates, accelerations and positions stay within the joint limits, in closed form.
+        limits_ok: Whether rates, accelerations and positions stay within those joint limits that are known, in closed
+            form.
         limit_excess: Largest excess over a joint limit; not positive inside [rad or m, per second, per second squared].
-        gap: duration / lower bound - 1: how much longer than the fastest motion that only knows the joint limits.
+        gap: duration / lower bound - 1: how much longer than the fastest motion that only knows the joint limits; zero
+            where there is no bound (a limit is missing, or the rates at the ends break one).
         required: Margin that was asked for [m].
     """
 
@@ -66,8 +72,8 @@ def certify(machine: Machine, trajectory: Trajectory, ground: Ground, margin: fl
 
     .. math:: \text{margin}(t) \ge m - \frac{\delta^2}{8} \frac{\max |\ddot h|}{\min f_z}
 
-    where the curvature is bounded by `wrench_curvature_bound` over the stretch. Stretches whose bound is too loose where
-    it matters are cut further.
+    where the curvature is bounded by `wrench_curvature_bound` over the stretch. Stretches whose bound is too loose
+    where it matters are cut further. Rounding errors, bounded through `wrench_size_bound`, are taken off too.
 
     Args:
         machine: With a support polygon.
@@ -76,34 +82,36 @@ def certify(machine: Machine, trajectory: Trajectory, ground: Ground, margin: fl
         margin: Distance from the edges that is asked for; stretches near it are looked at more closely [m].
 
     Raises:
-        MachineError: No support polygon.
-        ProblemError: The trajectory has other joints, or the margin is not a number.
+        MachineError: No machine, or no support polygon.
+        ProblemError: The trajectory has other joints, or margin or gravity are not numbers.
+        TrajectoryError: No trajectory, or one whose nodes drift away from what its accelerations produce.
     """
-    if machine.support is None:
-        raise MachineError(f"machine {machine.name!r} has no support polygon: give support= to load_machine")
-    if trajectory.joint_names != machine.joint_names:
-        raise ProblemError(f"the trajectory moves {trajectory.joint_names}, the machine has {machine.joint_names}")
+    _check(machine, trajectory, ground)
     required = finite_number(margin, name="margin", error=ProblemError)
+    gravity = frozen_array(ground.gravity(), name="gravity", shape=(3,), error=ProblemError)
     excess = limit_excess(machine, trajectory)
     steps = np.diff(trajectory.times)
-    parts = np.maximum(STRETCHES, np.ceil(steps / LONGEST)).astype(int)
+    parts = np.maximum(STRETCHES, np.ceil(steps / LONGEST))
+    parts = np.maximum(parts * min(1.0, FIRST / parts.sum()), 1.0).astype(int)
     interval = np.repeat(np.arange(len(steps)), parts)
     share = np.concatenate([np.arange(count) / count for count in parts])
     length = (1.0 / parts)[interval]
     sampled, at, edge, guaranteed, states = np.inf, 0.0, 0, np.inf, 0
-    while len(interval):
-        found = _stretches(machine, trajectory, ground, interval, share, length)
-        states += len(interval)
-        worst = int(np.argmin(found.least))
-        if found.least[worst] < sampled:
-            sampled, at, edge = float(found.least[worst]), float(found.at[worst]), int(found.edge[worst])
-        undecided = (found.bound < required) & (found.least >= required)
-        loose = undecided | (found.bound < sampled - LOOSE)
-        if states > MAX_STATES or not np.isfinite(sampled):
-            loose[:] = False
-        guaranteed = min(guaranteed, float(found.bound[~loose].min(initial=np.inf)))
-        interval, length = np.repeat(interval[loose], SPLIT), np.repeat(length[loose] / SPLIT, SPLIT)
-        share = np.repeat(share[loose], SPLIT) + length * np.tile(np.arange(SPLIT), int(loose.sum()))
+    with np.errstate(all="ignore"):  # what overflows is not guaranteed
+        rounding = _rounding(machine, trajectory, float(np.linalg.norm(gravity)))
+        while len(interval):
+            found = _stretches(machine, trajectory, gravity, interval, share, length, rounding)
+            states += len(interval)
+            worst = int(np.argmin(found.least))
+            if found.least[worst] < sampled:
+                sampled, at, edge = float(found.least[worst]), float(found.at[worst]), int(found.edge[worst])
+            undecided = (found.bound < required) & (found.least >= required)
+            loose = (undecided | (found.bound < sampled - LOOSE)) & (found.bound < found.reachable - ROUNDING)
+            if states + SPLIT * int(loose.sum()) > MAX_STATES or not np.isfinite(sampled):
+                loose[:] = False
+            guaranteed = min(guaranteed, float(found.bound[~loose].min(initial=np.inf)))
+            interval, length = np.repeat(interval[loose], SPLIT), np.repeat(length[loose] / SPLIT, SPLIT)
+            share = np.repeat(share[loose], SPLIT) + length * np.tile(np.arange(SPLIT), int(loose.sum()))
     bound = _kinematic_bound(machine, trajectory)
     return Certificate(
         margin=guaranteed - ROUNDING, margin_at=at, edge=edge, sampled=sampled, limits_ok=excess <= LIMIT_TOLERANCE,
@@ -111,19 +119,60 @@ def certify(machine: Machine, trajectory: Trajectory, ground: Ground, margin: fl
     )  # fmt: skip
 
 
+def _check(machine: Machine, trajectory: Trajectory, ground: Ground) -> None:
+    if not isinstance(machine, Machine):
+        raise MachineError(f"machine must be a Machine (see load_machine), not {type(machine).__name__}")
+    if not isinstance(trajectory, Trajectory):
+        raise TrajectoryError(f"trajectory must be a Trajectory, not {type(trajectory).__name__}")
+    if not isinstance(ground, Ground):
+        raise ProblemError(f"ground must have a gravity(yaw) as Slope has, not {ground!r}")
+    if machine.support is None:
+        raise MachineError(f"machine {machine.name!r} has no support polygon: give support= to load_machine")
+    if trajectory.joint_names != machine.joint_names:
+        raise ProblemError(f"the trajectory moves {trajectory.joint_names}, the machine has {machine.joint_names}")
+    # a rate that creeps up by less than `Trajectory` notices, from each of many nodes to the next, is an acceleration
+    q, v, _ = trajectory.state_in(np.arange(trajectory.intervals), np.diff(trajectory.times))
+    for name, gaps in (("velocities", trajectory.velocities[1:] - v), ("positions", trajectory.positions[1:] - q)):
+        with np.errstate(all="ignore"):
+            drift = float(np.ptp(np.vstack([np.zeros_like(gaps[:1]), np.cumsum(gaps, axis=0)]), axis=0).max())
+            allowed = DRIFT + OPERATIONS * EPSILON * float(np.abs(getattr(trajectory, name)).sum(axis=0).max())
+        if not drift <= allowed:
+            raise TrajectoryError(f"{name} drift by {drift:.3g} away from what the accelerations produce")
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Stretches:
-    """Least margin at the ends of K stretches, when and at which edge, and what is guaranteed inside, (K,) each."""
+    """Least margin at the ends of K stretches, when and at which edge, and what is guaranteed inside, (K,) each.
+
+    However finely they are cut, rounding keeps the guarantee below `reachable`.
+    """
 
     least: Array
     at: Array
     edge: Any
     bound: Array
+    reachable: Array
+
+
+def _rounding(machine: Machine, trajectory: Trajectory, gravity: float) -> WrenchBound:
+    """Largest rounding errors of the wrenches that are looked at in each of the N intervals, (N,) each.
+
+    Relative to the sum of the absolute values of all that adds up, within an interval from its start; a rounded angle
+    turns everything beyond its joint.
+    """
+    q, v = np.abs(trajectory.positions[:-1]), np.abs(trajectory.velocities[:-1])
+    a, j, h = np.abs(trajectory.accelerations), np.abs(trajectory.jerks), np.diff(trajectory.times)[:, None]
+    v, a = v + h * a + 0.5 * h**2 * j, a + h * j
+    q = q + h * v
+    size = wrench_size_bound(machine, v, a, j, reach=q, gravity=gravity)
+    share = OPERATIONS * EPSILON * (1.0 + q.sum(axis=1))
+    return WrenchBound(share * size.force, share * size.moment)
 
 
 def _stretches(
-    machine: Machine, trajectory: Trajectory, ground: Ground, interval: Any, share: Array, length: Array
-) -> _Stretches:
+    machine: Machine, trajectory: Trajectory, gravity: Array, interval: Any, share: Array, length: Array,
+    rounding: WrenchBound,
+) -> _Stretches:  # fmt: skip
     support, h = machine.support, np.diff(trajectory.times)[interval]
     count = len(interval)
     # every start, and those ends that are not the next stretch's start
@@ -131,7 +180,7 @@ def _stretches(
     looked_at = np.concatenate([np.arange(count), ends])
     since = np.concatenate([share, (share + length)[ends]]) * h[looked_at]
     states = trajectory.state_in(interval[looked_at], since)
-    root = np.concatenate([-ground.gravity(), np.zeros(3)])
+    root = np.concatenate([-gravity, np.zeros(3)])
     wrench = ground_reaction(machine, *states, root_acceleration=root)
     follower = np.arange(1, count + 1)
     follower[ends] = count + np.arange(len(ends))
@@ -140,37 +189,40 @@ def _stretches(
     q, v, a = (state[pick] for state in states)
     normal = wrench[:, 2].reshape(2, count)
     rows = support.wrench_rows()  # type: ignore[union-attr]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        margins = -(wrench @ rows.T) / wrench[:, 2:3]
-    margins = np.where(wrench[:, 2:3] > 0.0, margins, -np.inf).reshape(2, count, -1)
+    margins = -(wrench @ rows.T) / wrench[:, 2:3]
+    known = (wrench[:, 2:3] > 0.0) & np.isfinite(margins)
+    margins = np.where(known, margins, -np.inf).reshape(2, count, -1)
     # bounds over the stretch: rates are parabolas, so a middle point and the jerk give their largest value
     j = np.abs(trajectory.jerks[interval])
     delta = (length * h)[:, None]
     peak_a = np.abs(a).reshape(2, count, -1).max(axis=0)
     peak_v = np.abs(v).reshape(2, count, -1).max(axis=0) + 0.125 * delta**2 * j
     reach = np.abs(q).reshape(2, count, -1).max(axis=0) + 0.5 * delta * peak_v
-    curvature = wrench_curvature_bound(machine, peak_v, peak_a, j, reach=reach)
+    curvature = wrench_curvature_bound(machine, peak_v, peak_a, j, reach=reach, gravity=float(np.linalg.norm(gravity)))
     sag = 0.125 * delta[:, 0] ** 2
-    normal_least = normal.min(axis=0) - sag * curvature.force
-    least = margins.min(axis=0)  # (K, E)
-    error = sag[:, None] * (
-        np.linalg.norm(rows[:, :3], axis=1) * curvature.force[:, None]
-        + np.linalg.norm(rows[:, 3:], axis=1) * curvature.moment[:, None]
-        + np.abs(least) * curvature.force[:, None]
-    )
-    with np.errstate(divide="ignore", invalid="ignore"):
-        inside = least - error / normal_least[:, None]
-    inside = np.where(normal_least[:, None] > 0.0, inside, -np.inf)
+    least, normal_least = margins.min(axis=0), normal.min(axis=0)[:, None]  # (K, E), (K, 1)
+
+    def less(off: WrenchBound) -> Array:
+        """Guaranteed margin if the wrench is off the straight line between the ends by at most this, (K,)."""
+        force, moment = off.force[:, None], off.moment[:, None]
+        error = np.linalg.norm(rows[:, :3], axis=1) * force + np.linalg.norm(rows[:, 3:], axis=1) * moment
+        inside = least - (error + np.abs(least) * force) / (normal_least - force)
+        return np.asarray(np.where((normal_least > force) & ~np.isnan(inside), inside, -np.inf).min(axis=1))
+
+    rounded = WrenchBound(rounding.force[interval], rounding.moment[interval])
+    off = WrenchBound(sag * curvature.force + rounded.force, sag * curvature.moment + rounded.moment)
     flat = np.argmin(margins.min(axis=2), axis=0)
     nearest = margins[flat, np.arange(count)]
     times = trajectory.times[interval] + since.reshape(2, count)[flat, np.arange(count)]
-    return _Stretches(least.min(axis=1), times, nearest.argmin(axis=1), inside.min(axis=1))
+    return _Stretches(least.min(axis=1), times, nearest.argmin(axis=1), less(off), less(rounded))
 
 
 def _kinematic_bound(machine: Machine, trajectory: Trajectory) -> float:
     """Least duration of any motion between the trajectory's ends within the joint limits [s]."""
     limits, q, v = machine.limits, trajectory.positions, trajectory.velocities
     if not (np.isfinite(limits.velocity).all() and np.isfinite(limits.acceleration).all()):
+        return 0.0
+    if (np.abs(v[[0, -1]]) > limits.velocity + LIMIT_TOLERANCE).any():
         return 0.0
     rows = zip(q[-1] - q[0], limits.velocity, limits.acceleration, v[0], v[-1], strict=True)
     return max(

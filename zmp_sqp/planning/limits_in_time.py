@@ -12,28 +12,38 @@ __all__ = ["limit_excess"]
 
 
 def limit_excess(machine: Machine, trajectory: Trajectory) -> float:
-    """Largest excess over any joint limit at any time, in closed form: rates are parabolas, positions cubics."""
+    """Largest excess over any joint limit at any time, in closed form: rates are parabolas, positions cubics.
+
+    Limits that nobody has given (NaN) cannot be exceeded; without any it is -inf.
+    """
     limits = machine.limits
     v, a, j = trajectory.velocities[:-1], trajectory.accelerations, trajectory.jerks
-    h = np.diff(trajectory.times)[:, None]
-    with np.errstate(divide="ignore", invalid="ignore"):
+    h = np.broadcast_to(np.diff(trajectory.times)[:, None], a.shape)
+    with np.errstate(all="ignore"):
         turn = -a / j  # where the rate is extreme
         root = np.sqrt(a**2 - 2.0 * j * v)  # where the rate vanishes and the position is extreme, stably
         pivot = -(a + np.where(a >= 0.0, root, -root))
-        stops = np.stack([2.0 * v / pivot, pivot / j])
-    rates = [np.abs(trajectory.velocities), np.abs(_at(trajectory, turn, h)[1])]
-    places = [trajectory.positions, *(_at(trajectory, stop, h)[0] for stop in stops)]
-    excesses = [
-        *(rate - limits.velocity for rate in rates),
-        *(np.abs(push) - limits.acceleration for push in (a, trajectory.end_accelerations)),
-        *(place - limits.position_upper for place in places),
-        *(limits.position_lower - place for place in places),
-    ]
-    return float(max(np.nanmax(excess) for excess in excesses))
+        inner = [_at(trajectory, since, h) for since in (turn, 2.0 * v / pivot, pivot / j, h)]
+        places = [trajectory.positions, *(place for place, _ in inner)]
+        rates = [np.abs(trajectory.velocities), *(np.abs(rate) for _, rate in inner)]
+        pushes = [np.abs(a), np.abs(trajectory.end_accelerations)]
+        pairs = [
+            *((rate, limits.velocity) for rate in rates),
+            *((push, limits.acceleration) for push in pushes),
+            *((place, limits.position_upper) for place in places),
+            *((-place, -limits.position_lower) for place in places),
+        ]
+        return max(_excess(values, bound) for values, bound in pairs)
+
+
+def _excess(values: Array, bound: Array) -> float:
+    """Largest of values - bound, shapes (K, n) and (n,); an overflow exceeds every limit that there is."""
+    over = np.nan_to_num(values - bound, nan=np.inf, posinf=np.inf, neginf=-np.inf)
+    return float(np.where(np.isnan(bound) | (bound == np.inf), -np.inf, over).max())
 
 
 def _at(trajectory: Trajectory, since: Array, h: Array) -> tuple[Array, Array]:
     """Positions and rates at a time of its own per joint and interval, (N, n); at the node if that is outside."""
-    t = np.where((since > 0.0) & (since < h), since, 0.0)  # False for NaN
+    t = np.where((since > 0.0) & (since <= h), since, 0.0)  # False for NaN
     q, v, a, j = trajectory.positions[:-1], trajectory.velocities[:-1], trajectory.accelerations, trajectory.jerks
     return q + t * v + 0.5 * t**2 * a + t**3 * j / 6.0, v + t * a + 0.5 * t**2 * j
