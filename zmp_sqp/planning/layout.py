@@ -168,10 +168,13 @@ class Layout:
         counts = np.concatenate([np.full(len(block), block.shape[1]) for block in blocks])
         return np.concatenate([block.ravel() for block in blocks]), np.concatenate([[0], np.cumsum(counts)])
 
-    def equality_jacobian(self, *, rate_scale: Array, control_scale: Array, first: Array, last: Array) -> sp.csr_array:
+    def equality_jacobian(
+        self, *, position_weight: Array, rate_scale: Array, control_scale: Array, first: Array, last: Array
+    ) -> sp.csr_array:
         """Jacobian of the equalities.
 
         Args:
+            position_weight: Factor of the positions' rows, shape (n,).
             rate_scale: w per scaled rate, shape (n,).
             control_scale: alpha per scaled control, shape (n,).
             first: Derivatives of the first rates' rows by sigma, shape (n,).
@@ -180,10 +183,10 @@ class Layout:
         N, one = self.N, np.ones(self.n)
         to_q = [-share * control_scale / N**2 for share in self.hold.to_position]
         to_w = [-share * control_scale / rate_scale / N for share in self.hold.to_rate]
-        gap_q = np.column_stack([-one, one, -rate_scale / N, *to_q]).ravel()
+        gap_q = (position_weight[:, None] * np.column_stack([-one, one, -rate_scale / N, *to_q])).ravel()
         gap_w = np.column_stack([-one, one, *to_w]).ravel()
         boundary = [np.column_stack([one, slope]).ravel() for slope in (first, last)]
-        data = [one, boundary[0], np.tile(gap_q, N), np.tile(gap_w, N), one, boundary[1]]
+        data = [position_weight, boundary[0], np.tile(gap_q, N), np.tile(gap_w, N), position_weight, boundary[1]]
         return self._csr(np.concatenate(data), self._equality_pattern, self.eliminated + 2 * self.n)
 
     @cached_property

@@ -31,6 +31,7 @@ __all__ = ["plan"]
 FALLBACK = "piqp"
 GUARD = 5e-5  # [m] kept inside the asked margin, so that a proof of the margin is cheap
 LIMIT_GUARD = 1e-8  # relative, likewise for the joint limits
+LEAST_TIME = 1e-9  # [s] of no account: ways so short that rounding shows may take this much longer
 RATE_SLACK = 1e-10  # relative, above boundary rates that use up the guard
 UNBOUNDED = 1e4  # [rad or m] stands for a position limit that is infinite
 MAX_TIGHTENINGS = 6
@@ -210,7 +211,7 @@ def _trajectory(problem: Problem, nlp: Transcription, x: Array) -> Trajectory:
     q, w, controls, duration = motion(x)
     rates, pushes = np.abs(w) / limits.velocity, np.abs(controls) / limits.acceleration
     needed = max(float(rates.max()), float(np.sqrt(pushes.max())))  # the duration at which no limit is exceeded
-    if duration < needed <= duration * (1.0 + 1e-7):
+    if duration < needed <= duration * (1.0 + 1e-7) + LEAST_TIME:
         q, w, controls, duration = motion(np.append(x[:-1], (needed / nlp.reference) ** 2))  # boundary rates stay
     times = np.linspace(0.0, duration, problem.intervals + 1)
     start, end = (nlp.hold.shapes(s)[0] for s in (0.0, 1.0))

@@ -17,6 +17,7 @@ from zmp_sqp.sqp.nlp import Basis, Evaluation, Linearization
 __all__ = ["Boundary", "PathBounds", "Transcription"]
 
 REGULARIZATION = 1e-2  # weight of the mean squared scaled acceleration: picks one of many fastest motions
+SHORT_WAY = 1e-8  # [rad or m] below it, rounding of the positions is felt
 LEAST_NORMAL_FORCE = 0.05  # of the weight: below it the tracks are as good as in the air
 
 
@@ -84,8 +85,10 @@ class Transcription:
         self.N, self.n, self.reference = intervals, model.size, reference
         S = reference**2
         reach = np.maximum(np.abs(goal.q - start.q), 1.0)
-        self.rate_scale = np.minimum(bounds.velocity * reference, 5.0 * reach)
         self.control_scale = np.minimum(bounds.acceleration * S, 10.0 * reach)
+        self.rate_scale = np.minimum(np.minimum(bounds.velocity * reference, 5.0 * reach), self.control_scale)
+        # a short way must be gone as exactly as a long one
+        self._position_weight = 1.0 / np.clip(self.control_scale, SHORT_WAY, 1.0)
         least = np.zeros((1, 6))
         least[0, 2] = -1.0
         # [m] once divided by the weight; the normal-force row has the force's share of the weight as its "metre"
@@ -161,6 +164,7 @@ class Transcription:
             control_step=self._control_step,
         )
         A = layout.equality_jacobian(
+            position_weight=self._position_weight,
             rate_scale=self.rate_scale,
             control_scale=self.control_scale,
             first=-root_slope * self._start_rate,
@@ -237,11 +241,11 @@ class Transcription:
             places - bounds.position_upper, bounds.position_lower - places, np.array([self._sigma_min - sigma]),
         ]  # fmt: skip
         push = self.control_scale * np.einsum("c,kcn->kn", hold.to_position, controls) / N
-        gap_q = q[1:] - q[:-1] - (self.rate_scale * w[:-1] + push) / N
+        gap_q = self._position_weight * (q[1:] - q[:-1] - (self.rate_scale * w[:-1] + push) / N)
         gap_w = w[1:] - w[:-1] - self._control_step * np.einsum("c,kcn->kn", hold.to_rate, controls)
         equalities = [
-            q[0] - self.start.q, w[0] - root * self._start_rate, gap_q, gap_w, q[-1] - self.goal.q, w[-1] - root *
-            self._goal_rate
+            self._position_weight * (q[0] - self.start.q), w[0] - root * self._start_rate, gap_q, gap_w,
+            self._position_weight * (q[-1] - self.goal.q), w[-1] - root * self._goal_rate,
         ]  # fmt: skip
         tie_breaker = 0.5 * self._tie_weight * float(np.sum(controls**2))
         return Evaluation(sigma, tie_breaker, _flat(equalities), _flat(inequalities))
@@ -258,10 +262,11 @@ class Transcription:
         gaps = equalities[: layout.eliminated]
         d = np.zeros(layout.size)
         if np.abs(gaps).max() > 0.0:
+            first_q, gap_q = gaps[:n] / self._position_weight, gaps[2 * n : 2 * n + N * n].reshape(N, n)
             first_w, gap_w = gaps[n : 2 * n], gaps[2 * n + N * n :].reshape(N, n)
             dw = -(first_w + np.vstack([np.zeros(n), np.cumsum(gap_w, axis=0)]))
-            moved = self.rate_scale * dw[:-1] / N - gaps[2 * n : 2 * n + N * n].reshape(N, n)
-            d[layout.positions] = (np.vstack([np.zeros(n), np.cumsum(moved, axis=0)]) - gaps[:n]).ravel()
+            moved = self.rate_scale * dw[:-1] / N - gap_q / self._position_weight
+            d[layout.positions] = (np.vstack([np.zeros(n), np.cumsum(moved, axis=0)]) - first_q).ravel()
             d[layout.rates] = dw.ravel()
         return Basis(Z, d, self._free, layout.eliminated)
 
