@@ -25,6 +25,7 @@ SCREEN = 0.05  # rows closer to their bound than this are in the first working s
 ADDED = 1e-9  # rows that a screened solution violates by more join the working set
 DEPENDENT = 1e-13  # of the Gram matrix's diagonal, relative, added to it against dependent rows
 MAX_ROUNDS = 12  # of adding violated rows
+MOST_ROWS = 900  # for the first backend: ProxQP slows down, and at some thousands of rows aborts the process
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,7 +114,7 @@ class Subproblem:
         d = self._d
         g = gradient + H @ d if self._sparse else gradient if self._Z is None else self._Z.T @ gradient
         elastic = relaxation_weight is not None
-        working = (self._u < SCREEN) | (previous[1] > 0.0)
+        working = (self._u < SCREEN) | (previous[1] > 0.0) | self._bounds_objective()
         if self._sparse:
             working[:] = True
         inner, warm = 0, None
@@ -133,11 +134,7 @@ class Subproblem:
             move = solution.x[: len(g)]
             dx = d + (move if self._Z is None else self._Z @ move)
             if not solved:
-                if self._sparse or working[~self.nonlinear].all():
-                    break
-                working |= ~self.nonlinear  # without their bounds, variables of the screened QP may have none
-                warm = None
-                continue
+                break
             added = ~working & (self.lin.C @ dx + self.lin.at.inequalities - t * self.nonlinear > ADDED)
             if not added.any():
                 break
@@ -166,9 +163,17 @@ class Subproblem:
             return None
         return self._d + (move if self._Z is None else self._Z @ move)
 
+    def _bounds_objective(self) -> Mask:
+        """Rows that bound one variable which the objective depends on: without them a screened QP may have no end."""
+        C = self.lin.C
+        bounds = np.diff(C.indptr) == 1
+        bounds[bounds] = self.lin.gradient[C.indices[C.indptr[:-1][bounds]]] != 0.0
+        return np.asarray(bounds)
+
     def _attempt(self, qp: QP, warm: QPSolution | None) -> tuple[QPSolution, bool, int]:
         count = 0
-        for backend in self._backends:
+        crowded = len(qp.u) > MOST_ROWS and not qp.is_sparse
+        for backend in self._backends[1:] if crowded and len(self._backends) > 1 else self._backends:
             solution = backend.solve(qp, warm=warm)
             count += solution.iterations
             primal, dual = solution.residuals(qp)
