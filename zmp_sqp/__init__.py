@@ -24,11 +24,30 @@ from zmp_sqp.mechanics import (
     stability_margin,
     zmp,
 )
-from zmp_sqp.planning import Certificate, DistanceLimits, Plan, Problem, Status, Trajectory, certify, phase_plane, plan
+from zmp_sqp.planning import (
+    BaseMotion,
+    Certificate,
+    DistanceLimits,
+    Plan,
+    Problem,
+    SlewInsight,
+    Status,
+    Trajectory,
+    analytic_slew,
+    analytic_slew_duration,
+    base_acceleration_bound,
+    certify,
+    moving_base_zmp,
+    phase_plane,
+    plan,
+    plan_base,
+    slew_insight,
+)
 
 __version__ = "0.1.0"
 
 __all__ = [
+    "BaseMotion",
     "Certificate",
     "ContactLost",
     "DistanceLimits",
@@ -42,17 +61,24 @@ __all__ = [
     "Problem",
     "ProblemError",
     "ScenarioError",
+    "SlewInsight",
     "Slope",
     "Status",
     "SupportPolygon",
     "Trajectory",
     "TrajectoryError",
     "ZmpSqpError",
+    "analytic_slew",
+    "analytic_slew_duration",
+    "base_acceleration_bound",
     "certify",
     "load_machine",
+    "moving_base_zmp",
     "phase_plane",
     "plan",
+    "plan_base",
     "shipped_machines",
+    "slew_insight",
     "stability_margin",
     "zmp",
 ]

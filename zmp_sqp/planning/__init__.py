@@ -1,23 +1,35 @@
 """From a problem to a plan: transcription in normalised time, SQP, trajectory, baseline."""
 
 from zmp_sqp.planning.answer import Plan, Status
+from zmp_sqp.planning.base_bound import base_acceleration_bound, moving_base_zmp, plan_base
+from zmp_sqp.planning.base_motion import BaseMotion
 from zmp_sqp.planning.baseline import phase_plane
 from zmp_sqp.planning.certificate import Certificate, certify
 from zmp_sqp.planning.planner import plan
 from zmp_sqp.planning.problem import Problem
 from zmp_sqp.planning.simplified import DistanceLimits, LumpedMass, simplified_coordinates
+from zmp_sqp.planning.slew import analytic_slew, analytic_slew_duration
+from zmp_sqp.planning.slew_circle import SlewInsight, slew_insight
 from zmp_sqp.planning.trajectory import Trajectory
 
 __all__ = [
+    "BaseMotion",
     "Certificate",
     "DistanceLimits",
     "LumpedMass",
     "Plan",
     "Problem",
+    "SlewInsight",
     "Status",
     "Trajectory",
+    "analytic_slew",
+    "analytic_slew_duration",
+    "base_acceleration_bound",
     "certify",
+    "moving_base_zmp",
     "phase_plane",
     "plan",
+    "plan_base",
     "simplified_coordinates",
+    "slew_insight",
 ]
