@@ -38,7 +38,7 @@ def test_boundary_rates_are_met_and_the_zmp_stays_inside(which: str) -> None:
 
 
 def rest_of_the_way(named: NamedProblem, plan: zs.Plan, share: float) -> tuple[zs.Plan, float, float]:
-    """Plan from a node of the plan on, with as many intervals as are left: the rest of the plan, and how long it takes."""
+    """Plan again from a node of the plan, with as many intervals as are left: its duration, and what was left."""
     node = round(share * plan.trajectory.intervals)
     q, v = plan.trajectory.positions[node], plan.trajectory.velocities[node]
     problem = zs.Problem(

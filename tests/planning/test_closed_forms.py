@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
 import zmp_sqp as zs
 from tests.checks import check_feasibility
-from tests.problems import NamedProblem, double_integrator, slew, slider
+from tests.problems import NamedProblem, double_integrator, slew, slider, slider_time
+from zmp_sqp.planning.planner import GUARD
 
 INSIDE = 1e-6
 
@@ -37,9 +40,14 @@ def test_slider_with_the_papers_half_length_is_within_0_2_percent() -> None:
 
 
 def test_the_sliders_error_falls_as_the_grid_grows_finer() -> None:
-    errors = [error(slider(intervals=N)) for N in (25, 50, 100, 200)]
-    assert all(finer < 0.6 * coarser for coarser, finer in zip(errors, errors[1:], strict=False)), errors
-    assert errors[-1] > -1e-6  # the guard keeps the ZMP inside, so no plan beats the optimum
+    """To the optimum of the polygon that the planner's guard leaves: 0.05 mm within every edge, 0.009 % of the time."""
+    least = slider_time(0.5 - GUARD, 0.3)
+    errors = []
+    for N in (25, 50, 100, 200):
+        named = slider(intervals=N)
+        assert named.optimum is not None
+        errors.append((1.0 + error(named)) * named.optimum / least - 1.0)
+    assert all(0.0 < finer < 0.6 * coarser for coarser, finer in pairwise(errors)), errors
 
 
 def test_slider_follows_the_rear_edge_and_then_the_front_edge() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -67,7 +68,7 @@ def test_shrinking_the_polygon_never_shortens_the_motion(seed: int) -> None:
         assert tighter.success, tighter.message
         assert tighter.margin >= margin
         durations.append(tighter.duration)
-    assert all(b >= a * (1.0 - SLACK) for a, b in zip(durations, durations[1:], strict=False)), durations
+    assert all(b >= a * (1.0 - SLACK) for a, b in pairwise(durations)), durations
 
 
 def test_shrinking_the_sliders_polygon_lengthens_the_motion() -> None:

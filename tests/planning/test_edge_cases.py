@@ -1,0 +1,225 @@
+"""Problems at the edges: no way to go, tiny and huge ways, few intervals, one joint, little time, many threads."""
+
+from __future__ import annotations
+
+import time
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import zmp_sqp as zs
+from tests.checks import check_feasibility
+from tests.problems import PAPER_START, NamedProblem, double_integrator, paper_1, paper_scene, random_problem, slider
+
+SAFE = 1e-6
+REPEATABLE = "qpsolvers:piqp"  # the same bits every time
+
+
+def solved(named: NamedProblem) -> zs.Plan:
+    plan = zs.plan(named.problem)
+    assert plan.success, plan.message
+    assert check_feasibility(named.scene, named.problem, plan.trajectory).violation <= SAFE
+    assert plan.lower_bound <= plan.duration
+    return plan
+
+
+def displaced(displacement: np.ndarray, **options: int) -> NamedProblem:
+    scene = paper_scene(point_masses=False)
+    return NamedProblem("displaced", scene, scene.problem(PAPER_START, PAPER_START + displacement, **options), None)
+
+
+# --- ways -------------------------------------------------------------------------------------------------------------
+
+
+def test_from_a_pose_to_itself_takes_no_time() -> None:
+    named = displaced(np.zeros(5))
+    plan = solved(named)
+    assert plan.duration == plan.lower_bound == 0.0
+    assert plan.iterations == 0
+    np.testing.assert_array_equal(plan.trajectory(0.0)[0], PAPER_START)
+    assert plan.margin == pytest.approx(1.615 - 0.786, abs=0.02)  # at rest; paper.md has 0.786 for point masses
+
+
+@pytest.mark.parametrize("size", [1e-12, 1e-9, 1e-6, 1e-4, 1e-2])
+def test_tiny_displacements(size: float) -> None:
+    named = displaced(size * np.array([1.0, -0.5, 0.3, 0.1, -1.0]))
+    plan = solved(named)
+    assert plan.duration >= 2.0 * np.sqrt(size / (np.pi / 2)) * (1.0 - 1e-9)
+
+
+@pytest.mark.parametrize("size", [1e-12, 1e-6, 1e-3])
+def test_tiny_displacements_where_the_zmp_is_active(size: float) -> None:
+    """The slider from near its edge: even the smallest move pushes the ZMP, so time goes with the root of the size."""
+    named = slider(intervals=50)
+    problem = named.scene.problem([0.5], [0.5 + size], intervals=50)
+    plan = solved(NamedProblem("tiny", named.scene, problem, None))
+    assert 0.0 < plan.duration < 1.0
+
+
+def test_one_joint_moves_alone() -> None:
+    plan = solved(displaced(np.array([0.0, 0.0, 0.5, 0.0, 0.0])))
+    assert np.ptp(plan.trajectory.positions[:, 2]) == pytest.approx(0.5, abs=1e-6)
+
+
+def test_a_huge_displacement() -> None:
+    """Most of a kilometre of the slider."""
+    room = {"position_lower": -1e4, "position_upper": 1e4}
+    named = double_integrator(distance=1.0, max_velocity=1.0, max_acceleration=2.0, intervals=50)
+    limits = room | {"velocity": 1.0, "acceleration": 2.0}
+    machine = zs.load_machine("slider", support=named.problem.machine.support, limits=limits)
+    plan = zs.plan(zs.Problem(machine, [-400.0], [400.0]))
+    assert plan.success, plan.message
+    assert plan.lower_bound == pytest.approx(800.5, rel=1e-12)
+    assert 800.5 <= plan.duration <= 800.5 * (1.0 + 1.0 / 49.0)  # the ramps fill one whole interval at either end
+
+
+def test_displacements_of_very_different_size() -> None:
+    solved(displaced(np.array([0.3, 1e-9, -1e-6, 1e-3, 0.0])))
+
+
+@pytest.mark.parametrize("intervals", [2, 3, 4, 7])
+def test_few_intervals(intervals: int) -> None:
+    named = double_integrator(distance=1.0, max_velocity=10.0, max_acceleration=4.0, intervals=intervals)
+    plan = solved(named)
+    assert plan.trajectory.intervals == intervals
+    assert len(plan.trajectory.times) == intervals + 1
+
+
+@pytest.mark.parametrize("intervals", [2, 3, 5])
+def test_few_intervals_for_the_arm(intervals: int) -> None:
+    solved(displaced(np.array([0.4, 0.1, -0.2, 0.1, 0.3]), intervals=intervals))
+
+
+@pytest.mark.parametrize("intervals", [2, 3, 5])
+def test_few_intervals_where_the_zmp_is_active(intervals: int) -> None:
+    """Two accelerations and a duration just do: bang-bang with the smaller of what start and end allow."""
+    named = slider(intervals=intervals)
+    plan = solved(named)
+    assert named.optimum is not None
+    assert plan.duration >= named.optimum
+
+
+def test_a_goal_on_a_position_limit_is_reached() -> None:
+    machine = zs.load_machine("feller_buncher")
+    lower = machine.limits.position_lower
+    goal = np.array([0.3, -0.5, lower[2], 0.5, lower[4]])
+    scene = paper_scene(point_masses=False)
+    solved(NamedProblem("at the limit", scene, scene.problem(PAPER_START, goal), None))
+
+
+def test_more_intervals_are_no_slower_beyond_the_grid() -> None:
+    durations = [solved(paper_1(point_masses=False, intervals=N)).duration for N in (20, 40, 80)]
+    assert durations[0] >= durations[1] * (1.0 - 1e-6)
+    assert durations[1] >= durations[2] * (1.0 - 1e-6)
+    assert durations[2] <= 4.503
+
+
+# --- what cannot be solved --------------------------------------------------------------------------------------------
+
+
+def hopeless() -> zs.Problem:
+    """A way round which the machine tips over at rest: the reach is locked by limits of no width but for the slew."""
+    scene = paper_scene(point_masses=False)
+    machine = scene.load()
+    limits = machine.limits.updated(
+        {
+            key: {name: PAPER_START[i] for i, name in enumerate(machine.joint_names) if name != "slew"}
+            for key in ("position_lower", "position_upper")
+        },
+        machine.joint_names,
+    )
+    locked = replace(machine, limits=limits)
+    goal = PAPER_START + np.pi * np.eye(5)[0]
+    return zs.Problem(locked, PAPER_START, goal, scene.ground, intervals=20)
+
+
+def test_a_problem_without_solution_is_a_status_with_a_diagnosis_and_never_a_trajectory() -> None:
+    plan = zs.plan(hopeless())
+    assert not plan.success
+    assert plan.status is zs.Status.INFEASIBLE, plan.message
+    assert "left edge" in plan.message
+    with pytest.raises(zs.NotSolved, match="left edge"):
+        _ = plan.trajectory
+
+
+# --- time -------------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("budget", [1e-9, 0.02, 0.2])
+def test_a_time_budget_is_kept_and_ends_in_a_safe_plan_or_in_its_status(budget: float) -> None:
+    named = random_problem(121)  # several iterations
+    zs.plan(named.problem, time_budget=budget)  # imports, caches
+    started = time.perf_counter()
+    plan = zs.plan(named.problem, time_budget=budget)
+    elapsed = time.perf_counter() - started
+    assert elapsed <= budget + 2.0  # one iteration and the verification, on a busy machine
+    if plan.success:
+        assert check_feasibility(named.scene, named.problem, plan.trajectory).violation <= SAFE
+    else:
+        assert plan.status is zs.Status.TIME_BUDGET
+        assert "time budget" in plan.message
+
+
+def test_a_large_time_budget_changes_nothing() -> None:
+    problem = random_problem(29).problem
+    with_budget, without = zs.plan(problem, REPEATABLE, time_budget=1e6), zs.plan(problem, REPEATABLE)
+    assert bits(with_budget) == bits(without)
+
+
+def test_progress_is_told_every_iteration() -> None:
+    told: list[object] = []
+    plan = zs.plan(random_problem(29).problem, progress=told.append)
+    assert tuple(told) == plan.history
+    assert len(told) == plan.iterations > 0
+
+
+# --- the same bits ----------------------------------------------------------------------------------------------------
+
+
+def bits(plan: zs.Plan) -> bytes:
+    trajectory = plan.trajectory
+    arrays = (trajectory.times, trajectory.positions, trajectory.velocities, trajectory.accelerations, trajectory.jerks)
+    return b"".join(array.tobytes() for array in arrays)
+
+
+def test_the_same_call_twice_gives_the_same_bits() -> None:
+    problem = random_problem(29).problem
+    assert bits(zs.plan(problem, REPEATABLE)) == bits(zs.plan(problem, REPEATABLE))
+
+
+def test_the_same_call_twice_gives_the_same_plan_by_default() -> None:
+    """ProxQP's own sums depend on where its memory happens to begin: the same data gave two results, 1e-13 apart."""
+    one, other = (zs.plan(random_problem(29).problem) for _ in range(2))
+    assert one.iterations == other.iterations
+    same_plan(one, other)
+
+
+def same_plan(one: zs.Plan, other: zs.Plan) -> None:
+    assert one.status is other.status
+    for name in ("times", "positions", "velocities", "accelerations"):
+        np.testing.assert_allclose(getattr(one.trajectory, name), getattr(other.trajectory, name), atol=1e-8)
+
+
+@pytest.mark.parametrize("qp_solver", [REPEATABLE, "proxqp"])
+def test_four_threads_at_once_give_what_one_gives(qp_solver: str) -> None:
+    """Different problems of the same size at the same time, so that shared state would be mixed up."""
+    problems = [random_problem(seed).problem for seed in (29, 63, 109, 101)]
+    alone = [zs.plan(problem, qp_solver) for problem in problems]
+    with ThreadPoolExecutor(4) as pool:
+        together = list(pool.map(lambda problem: zs.plan(problem, qp_solver), problems * 2))
+    for one, other in zip(alone * 2, together, strict=True):
+        if qp_solver == REPEATABLE:
+            assert bits(one) == bits(other)
+        same_plan(one, other)
+
+
+def test_planning_leaves_the_problem_alone() -> None:
+    problem = random_problem(63).problem
+    before = [np.array(part) for part in (problem.start, problem.goal, problem.machine.limits.velocity)]
+    model = problem.machine.model.copy()
+    zs.plan(problem)
+    for part, now in zip(before, (problem.start, problem.goal, problem.machine.limits.velocity), strict=True):
+        np.testing.assert_array_equal(part, now)
+    assert problem.machine.model == model
