@@ -38,7 +38,9 @@ class Evaluation:
     def is_finite(self) -> bool:
         """Whether the program could be evaluated here."""
         parts = (self.equalities, self.inequalities)
-        return bool(np.isfinite(self.objective + self.tie_breaker)) and all(bool(np.isfinite(part).all()) for part in parts)
+        return bool(np.isfinite(self.objective + self.tie_breaker)) and all(
+            bool(np.isfinite(part).all()) for part in parts
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,8 +52,8 @@ class Basis:
     Attributes:
         Z: Shape (n, r).
         d: Particular solution that closes the gaps, shape (n,).
-        free: Indices of the r free variables (controls and final time), at which Z is the identity and d is zero, shape (r,);
-            empty if there are no such variables, because the basis ties controls to each other.
+        free: Indices of the r free variables (controls and final time), at which Z is the identity and d is zero, shape
+            (r,); empty if there are no such variables, because the basis ties controls to each other.
         eliminated: How many equalities, from the first on, this basis satisfies.
     """
 
@@ -103,4 +105,4 @@ class NonlinearProgram(Protocol):
         """
 
     def optimality_gap(self, x: Array) -> float:
-        """Proven bound on how far f(x) (without tie breaker) is from the optimum, relative; infinity if nothing is known."""
+        """Proven bound on how far f(x), without tie breaker, is from the optimum, relative; infinite if unknown."""

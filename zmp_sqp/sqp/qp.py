@@ -45,10 +45,13 @@ class QP:
     @property
     def is_sparse(self) -> bool:
         """Whether the matrices are SciPy sparse matrices."""
-        return sp.issparse(self.C)
+        return bool(sp.issparse(self.C))
 
     def is_finite(self) -> bool:
-        """Whether no NaN (or infinity, where none belongs) stands in the data: not every solver checks."""
+        """Whether no NaN, no infinity where none belongs and no lower side above its upper one stands in the data.
+
+        Backends ask before they solve: ProxQP and PIQP do not check, and run to their caps or worse.
+        """
         matrices = [self.H, self.A, self.C]
         entries = [matrix.data if sp.issparse(matrix) else matrix for matrix in matrices]
         sides_ordered = bool(np.all(self.l <= self.u))  # False with NaN
@@ -75,6 +78,11 @@ class QPSolution:
     iterations: int
     backend: str
 
+    @classmethod
+    def nothing(cls, qp: QP, backend: str) -> QPSolution:
+        """What a backend answers when it has nothing to offer: not finite, so that its residuals are infinite."""
+        return cls(np.full(qp.size, np.nan), np.full(len(qp.b), np.nan), np.full(len(qp.u), np.nan), False, 0, backend)
+
     def residuals(self, qp: QP) -> tuple[float, float]:
         r"""Primal and dual residuals, independent of what the backend reports.
 
@@ -96,4 +104,6 @@ class QPSolution:
 
 
 def _largest(values: Array) -> float:
-    return float(max(values.max(), 0.0)) if values.size else 0.0
+    if np.isnan(values).any():  # a comparison would lose it
+        return np.inf
+    return float(values.max(initial=0.0))

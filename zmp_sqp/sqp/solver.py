@@ -7,22 +7,27 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import scipy.sparse as sp
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.sqp.backends import QPBackend
 from zmp_sqp.sqp.curvature import convexified
 from zmp_sqp.sqp.merit import Merit
 from zmp_sqp.sqp.nlp import Evaluation, Linearization, NonlinearProgram
+from zmp_sqp.sqp.progress import LEAST_DAMPING, creeps, kkt_error, next_damping, nonlinear_weight
+from zmp_sqp.sqp.restoration import restored
 from zmp_sqp.sqp.result import IterationRecord, SQPResult, SQPStatus
-from zmp_sqp.sqp.subproblem import Multipliers, Step, Subproblem
+from zmp_sqp.sqp.subproblem import Model, Multipliers, Step, Subproblem
 
 __all__ = ["SQP", "SQPSettings"]
 
 ARMIJO_SLOPE = 1e-4  # Nocedal & Wright 2006, eq. (3.4)
 SHORTEST_STEP = 1e-3
 RELAXATION_GROWTH = 10.0  # of rho, when the relaxed QP keeps a slack
-LARGEST_RELAXATION = 1e5
-RESTORATIONS = 4  # Newton steps onto the active rows before a QP is asked again
+LEAST_RELAXATION, LARGEST_RELAXATION = 10.0, 1e5
+MOST_CONDENSED = 600  # free variables up to which a backend for sparse QPs gets curved ones condensed
+LARGEST_DAMPING = 1e3  # steps that are refused in spite of it end the run
+LARGEST_QP_DAMPING = 1.0  # likewise QPs that fail: a flat model has steps too long for a QP solver's digits
 ROUNDING = 1e-11  # of the merit function, relative: differences below it are noise
 
 
@@ -60,13 +65,16 @@ class SQP:
     * Second-order correction: a full step that is refused while it raises the violation is corrected once with the
       constraints' values at its end, which undoes the Maratos effect.
     * Curvature: the exact Hessian of the Lagrangian, convexified in the null space of the active rows (`convexified`),
-      computed only where multipliers of nonlinear rows make it count.
+      computed only where multipliers of nonlinear rows make it count (equalities: of those whose gradients change).
     * A QP without solution is solved again with a slack on its nonlinear rows; if the slack stays although its price
       has grown by orders of magnitude, the point is a stationary point of the violation: INFEASIBLE.
-    * A step that is refused to its shortest length is tried once more without curvature, then the run ends.
-    * While the objective stands at its proven bound, any feasible point is as good as another, so the tie breaker is left
-      out and steps are the shortest ones that meet the linearised constraints: first onto the rows that were active (no
-      inequality to decide, so no QP), and by QPs if that does not converge.
+    * Damping: after a short step the model's least curvature is raised tenfold, after full steps it fades (Levenberg
+      and Marquardt's way to a trust region). It bounds steps along directions in which minimum time is all but flat.
+    * A step that is refused to its shortest length is tried once more without curvature, then relaxed and with damping
+      (the relaxed QP weighs feasibility against the length of the step); a QP that fails even when relaxed is damped,
+      too. Then the run ends. It also ends where ten feasible steps have lowered the objective by less than a millionth.
+    * While the objective stands at its proven bound, any feasible point is as good as another, so the tie breaker is
+      left out and steps are the shortest ones that meet the linearised constraints.
     * It stops at a feasible point when the objective stands at its proven bound, when the Lagrangian's gradient and the
       complementarity products vanish, or when the QP predicts no decrease; never because steps are short: minimum time
       leaves joints with slack undetermined.
@@ -98,11 +106,7 @@ class SQP:
         if not lin.at.is_finite():
             return SQPResult(x, y, z, SQPStatus.NOT_FINITE, lin.at, ())
 
-        def finish(status: SQPStatus) -> SQPResult:
-            feasible = lin.at.violation <= settings.feasibility
-            if feasible and not status.is_feasible:
-                status = SQPStatus.FEASIBLE
-            return SQPResult(x, y, z, status, lin.at, tuple(history))
+        last_feasible: tuple[Array, Array, Array, Evaluation] | None = None
 
         def record(
             backend: str, *, inner: int, rows: int, length: float, relaxed: bool = False, curvature: bool = False,
@@ -117,90 +121,101 @@ class SQP:
             if self.report is not None:
                 self.report(entry)
 
+        def finish(status: SQPStatus) -> SQPResult:
+            if last_feasible is None:
+                return SQPResult(x, y, z, status, lin.at, tuple(history))
+            if not status.is_feasible:
+                status = SQPStatus.FEASIBLE
+            here = (x, y, z, lin.at) if lin.at.violation <= settings.feasibility else last_feasible
+            return SQPResult(*here[:3], status, here[3], tuple(history))
+
+        damping, refused, previous_A = 0.0, False, lin.A
         while True:
             if lin.at.violation <= settings.feasibility:
+                last_feasible = x, y, z, lin.at
                 if nlp.optimality_gap(x) <= settings.optimality:
                     return finish(SQPStatus.BOUND_REACHED)
-                if history and _kkt_error(lin, y, z) <= settings.optimality:
+                if history and kkt_error(lin, y, z) <= settings.optimality:
                     return finish(SQPStatus.OPTIMAL)
             if len(history) >= settings.max_iterations:
                 return finish(SQPStatus.ITERATION_LIMIT)
             if settings.deadline is not None and time.perf_counter() > settings.deadline:
                 return finish(SQPStatus.TIME_LIMIT)
+            if last_feasible is not None and creeps(history, settings.feasibility):
+                return finish(SQPStatus.FEASIBLE)
             merit.breaks_ties = nlp.optimality_gap(x) > settings.optimality
             if not merit.breaks_ties and history:
-                restored = self._restore(nlp, x, lin, z)
-                if restored is not None:
-                    x, lin = restored
+                back = restored(nlp, x, lin, z, feasibility=settings.feasibility, optimality=settings.optimality)
+                if back is not None:
+                    x, lin = back
                     record("restoration", inner=0, rows=int((z > 0.0).sum()), length=1.0)
                     continue
-            curved = merit.breaks_ties and z[nonlinear].sum() > settings.curvature_from
+            weight = float(z[nonlinear].sum()) + nonlinear_weight(y, lin.A, previous_A)
+            curved = merit.breaks_ties and weight > settings.curvature_from
             subproblem = Subproblem(lin, nonlinear, self.backend, self.fallback)
-            accepted = None
+            accepted, stationary = None, False
             for curvature in (True, False) if curved else (False,):
-                H = self._hessian(nlp, x, y, z, subproblem, curvature=curvature)
-                step = self._step(subproblem, H, (y, z), merit)
+                model = self._model(nlp, x, y, z, subproblem, merit.gradient(lin), curvature=curvature, damping=damping)
+                step = self._step(subproblem, model, (y, z), merit, elastic=refused)
                 if not step.solved:
                     continue
-                if self._is_stationary(lin, step, merit):
+                stationary = self._is_stationary(lin, step, merit)
+                if stationary:
+                    if damping > 0.0:  # it may be the damping that keeps the step short
+                        break
                     y, z = step.y, step.z
                     infeasible = lin.at.violation > settings.feasibility
                     return finish(SQPStatus.INFEASIBLE if infeasible else SQPStatus.OPTIMAL)
-                accepted = self._search(nlp, x, lin, step, merit, subproblem, H)
+                accepted = self._search(nlp, x, lin, step, merit, subproblem, model)
                 if accepted is not None:
                     break
             if accepted is None:
-                return finish(SQPStatus.STALLED if step.solved else SQPStatus.QP_FAILED)
+                if step.solved and stationary:
+                    damping, refused = 0.0, False
+                    continue
+                refused = step.solved and bool(nonlinear.any())
+                damping = max(10.0 * damping, LEAST_DAMPING)
+                if last_feasible is not None or damping > (LARGEST_DAMPING if step.solved else LARGEST_QP_DAMPING):
+                    return finish(SQPStatus.STALLED if step.solved else SQPStatus.QP_FAILED)
+                continue
+            previous_A = lin.A
             x, lin, length, corrected = accepted
+            damping, refused = next_damping(damping, length), False
             y, z = step.y, step.z
             record(
                 step.backend, inner=step.inner_iterations, rows=step.rows, length=length, curvature=curvature,
                 relaxed=step.relaxation > settings.feasibility, corrected=corrected,
             )  # fmt: skip
 
-    def _restore(
-        self, nlp: NonlinearProgram, x: Array, lin: Linearization, z: Array
-    ) -> tuple[Array, Linearization] | None:
-        """Feasible point at the bound by Newton steps onto the active rows, the shortest ones; None if that fails."""
-        active = z > 0.0
-        for _ in range(RESTORATIONS):
-            subproblem = Subproblem(lin, nlp.nonlinear_rows, self.backend, None)
-            dx = subproblem.shortest_step(active | (lin.at.inequalities > 0.0))
-            if dx is None or float((lin.at.inequalities + lin.C @ dx).max()) > self.settings.feasibility:
-                return None  # these rows are not those that will be active
-            before, x = lin.at.violation, x + dx
-            lin = nlp.linearize(x)
-            if not lin.at.is_finite() or nlp.optimality_gap(x) > self.settings.optimality:
-                return None
-            if lin.at.violation <= self.settings.feasibility:
-                return x, lin
-            if lin.at.violation > 0.3 * before:  # not in the basin of quadratic convergence
-                return None
-        return None
-
-    def _hessian(
-        self, nlp: NonlinearProgram, x: Array, y: Array, z: Array, subproblem: Subproblem, *, curvature: bool
-    ) -> Array:
+    def _model(
+        self, nlp: NonlinearProgram, x: Array, y: Array, z: Array, subproblem: Subproblem, gradient: Array,
+        *, curvature: bool, damping: float,
+    ) -> Model:  # fmt: skip
         """Convex model: of the objective alone, or with the constraints' curvature."""
+        sparse = subproblem.prefers_whole and not (curvature and subproblem.size <= MOST_CONDENSED)
         weight = 1.0 if curvature else 0.0
-        H = nlp.hessian(x, weight * y, weight * z, convex=subproblem.is_sparse)
-        if subproblem.is_sparse:
-            return H  # type: ignore[no-any-return]
-        condensed = subproblem.condensed_hessian(H)
+        H = nlp.hessian(x, weight * y, weight * z, convex=sparse or not curvature)
+        damped = H + damping * sp.eye_array(H.shape[0], format="csr") if damping > 0.0 else H
+        if sparse:
+            return Model(gradient, gradient, None, damped)
+        condensed, g = subproblem.condensed_model(H, gradient)
+        floor = max(self.settings.floor, damping)
         if not curvature:
-            return condensed + self.settings.floor * np.eye(len(condensed))
-        return convexified(condensed, subproblem.active_rows(z), floor=self.settings.floor)
+            return Model(gradient, g, condensed + floor * np.eye(len(condensed)), damped)
+        return Model(gradient, g, convexified(condensed, subproblem.active_rows(z), floor=floor), None)
 
-    def _step(self, subproblem: Subproblem, H: Array, previous: Multipliers, merit: Merit) -> Step:
-        """Step of the QP, relaxed if it has no solution, with the penalty weights raised to its multipliers."""
-        gradient = merit.gradient(subproblem.lin)
-        step = subproblem.solve(H, gradient, previous=previous)
-        if step.solved:
-            merit.raise_weights(step)
-            return step
-        rho = max(min(max(RELAXATION_GROWTH * merit.nu, 10.0), LARGEST_RELAXATION), merit.nu)
+    def _step(
+        self, subproblem: Subproblem, model: Model, previous: Multipliers, merit: Merit, *, elastic: bool
+    ) -> Step:
+        """Step of the QP, relaxed if it has no solution at a sane price, with penalty weights raised to multipliers."""
+        if not elastic:
+            step = subproblem.solve(model, previous=previous)
+            if step.solved and step.z[merit.nonlinear].sum() <= LARGEST_RELAXATION:
+                merit.raise_weights(step)
+                return step
+        rho = max(LEAST_RELAXATION, merit.nu)  # the model's curvature is that of the last multipliers: no higher
         while True:
-            step = subproblem.solve(H, gradient, previous=previous, relaxation_weight=rho)
+            step = subproblem.solve(model, previous=previous, relaxation_weight=rho)
             if not step.solved or step.relaxation <= self.settings.feasibility or rho >= LARGEST_RELAXATION:
                 break
             current = float(np.maximum(subproblem.lin.at.inequalities[merit.nonlinear], 0.0).max(initial=0.0))
@@ -220,7 +235,7 @@ class SQP:
 
     def _search(
         self, nlp: NonlinearProgram, x: Array, lin: Linearization, step: Step, merit: Merit,
-        subproblem: Subproblem, H: Array,
+        subproblem: Subproblem, model: Model,
     ) -> tuple[Array, Linearization, float, bool] | None:  # fmt: skip
         """Point that satisfies Armijo's condition on the penalty function, with its linearisation."""
         start = merit.value(lin.at)
@@ -230,7 +245,7 @@ class SQP:
         if merit.value(full.at) <= start - slope + noise:
             return x + step.dx, full, 1.0, False
         if full.at.is_finite() and full.at.violation > lin.at.violation:
-            dx = self._corrected(lin, full.at, step, merit, subproblem, H)
+            dx = self._corrected(lin, full.at, step, subproblem, model)
             if dx is not None and merit.value(nlp.evaluate(x + dx)) <= start - slope + noise:
                 return x + dx, nlp.linearize(x + dx), 1.0, True
         length = 0.5
@@ -242,21 +257,11 @@ class SQP:
         return None
 
     def _corrected(
-        self, lin: Linearization, end: Evaluation, step: Step, merit: Merit, subproblem: Subproblem, H: Array
+        self, lin: Linearization, end: Evaluation, step: Step, subproblem: Subproblem, model: Model
     ) -> Array | None:
         """Step whose constraints carry the values found at the end of the refused one."""
         equalities, inequalities = end.equalities - lin.A @ step.dx, end.inequalities - lin.C @ step.dx
         shifted = replace(lin, at=replace(lin.at, equalities=equalities, inequalities=inequalities))
         again = Subproblem(shifted, subproblem.nonlinear, self.backend, self.fallback)
-        correction = again.solve(H, merit.gradient(lin), previous=(step.y, step.z))
+        correction = again.solve(model, previous=(step.y, step.z))
         return correction.dx if correction.solved else None
-
-
-def _kkt_error(lin: Linearization, y: Array, z: Array) -> float:
-    """Lagrangian gradient in the space of free variables (1-norm) and complementarity products (sum)."""
-    gradient = lin.gradient + lin.tie_gradient + lin.C.T @ z
-    eliminated = 0 if lin.basis is None else lin.basis.eliminated
-    gradient = gradient + lin.A[eliminated:].T @ y
-    if lin.basis is not None:
-        gradient = lin.basis.Z.T @ gradient
-    return float(np.abs(gradient).sum() + np.abs(z * lin.at.inequalities).sum())

@@ -20,8 +20,10 @@ class PIQP:
     name = "piqp"
     wants_sparse = True
 
-    def solve(self, qp: QP, *, warm: QPSolution | None = None) -> QPSolution:  # noqa: ARG002
+    def solve(self, qp: QP, *, warm: QPSolution | None = None) -> QPSolution:
         """Solution, from cold: an interior-point method gains nothing from the last one."""
+        if not qp.is_finite():
+            return QPSolution.nothing(qp, self.name)
         solver = piqp.SparseSolver() if qp.is_sparse else piqp.DenseSolver()
         settings = solver.settings
         settings.eps_abs = settings.eps_rel = EPS

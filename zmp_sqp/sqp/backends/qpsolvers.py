@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from typing import Any
 
 import numpy as np
 import qpsolvers
@@ -15,7 +16,7 @@ __all__ = ["QPSolvers"]
 
 SPARSE = frozenset(qpsolvers.sparse_solvers) - frozenset(qpsolvers.dense_solvers)
 # Tighter than their defaults, where a solver has such settings; others keep their own.
-SETTINGS = {
+SETTINGS: dict[str, dict[str, Any]] = {
     "clarabel": {"tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10, "tol_feas": 1e-10},
     "piqp": {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_iter": 100},
     "osqp": {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_iter": 100_000},
@@ -41,8 +42,10 @@ class QPSolvers:
         self.name = f"qpsolvers:{solver}"
         self._solver = solver
 
-    def solve(self, qp: QP, *, warm: QPSolution | None = None) -> QPSolution:  # noqa: ARG002
+    def solve(self, qp: QP, *, warm: QPSolution | None = None) -> QPSolution:
         """Solution; a solver's own exception counts as not solved."""
+        if not qp.is_finite():
+            return QPSolution.nothing(qp, self.name)
         upper, lower = np.isfinite(qp.u), np.isfinite(qp.l)
         C = sp.csr_matrix(qp.C) if qp.is_sparse else qp.C
         stack = sp.vstack if qp.is_sparse else np.vstack
@@ -54,15 +57,11 @@ class QPSolvers:
                 warnings.simplefilter("ignore")
                 answer = qpsolvers.solve_problem(problem, self._solver, **SETTINGS.get(self._solver, {}))
         except Exception:  # each backend has exceptions of its own; the caller falls back
-            return self._failed(qp)
+            return QPSolution.nothing(qp, self.name)
         if answer.x is None or answer.z is None or answer.y is None:
-            return self._failed(qp)
+            return QPSolution.nothing(qp, self.name)
         z = np.zeros(len(qp.u))
         z[upper] += answer.z[: int(upper.sum())]
         z[lower] -= answer.z[int(upper.sum()) :]
         iterations = answer.extras.get("iter") or getattr(answer.extras.get("info"), "iter", 0) or 0
         return QPSolution(np.array(answer.x), np.array(answer.y), z, bool(answer.found), int(iterations), self.name)
-
-    def _failed(self, qp: QP) -> QPSolution:
-        nothing = np.full(qp.size, np.nan)
-        return QPSolution(nothing, np.zeros(len(qp.b)), np.zeros(len(qp.u)), False, 0, self.name)
