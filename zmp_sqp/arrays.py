@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from numbers import Real
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from zmp_sqp.errors import ZmpSqpError
+
+LONGEST_SHOWN = 80  # characters of a value in a message
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
@@ -36,9 +39,12 @@ def frozen_array(
         error: Not numbers, wrong shape, or not finite; the message names the first offending entry.
     """
     try:
+        kind = np.asarray(values).dtype.kind
+        if kind not in "iufO":  # NumPy would read booleans, texts and dates as numbers
+            raise error(f"{name} must be numbers of shape {_spell(shape)}, not {shortened(values)}")
         array = np.array(values, dtype=np.float64, order="C")
-    except (TypeError, ValueError) as cause:
-        raise error(f"{name} must be numbers of shape {_spell(shape)}: {cause}") from None
+    except (TypeError, ValueError, OverflowError) as cause:
+        raise error(f"{name} must be numbers of shape {_spell(shape)}: {' '.join(str(cause).split())}") from None
     if array.ndim != len(shape) or any(want not in (None, have) for want, have in zip(shape, array.shape, strict=True)):
         raise error(f"{name} must have shape {_spell(shape)}, not {array.shape}")
     if finite and not np.isfinite(array).all():
@@ -51,13 +57,23 @@ def frozen_array(
 
 def finite_number(value: Any, *, name: str, error: type[ZmpSqpError]) -> float:
     """`value` as a float; anything that is not one finite number raises `error` with `name` in the message."""
+    if isinstance(value, np.ndarray) and value.ndim == 0:
+        value = value[()]
+    if not isinstance(value, Real) or isinstance(value, bool | np.bool_):  # float would read texts as numbers
+        raise error(f"{name} must be a number, not {shortened(value)}")
     try:
         number = float(value)
-    except (TypeError, ValueError):
-        raise error(f"{name} must be a number, not {value!r}") from None
+    except OverflowError:
+        raise error(f"{name} must be finite, not {shortened(value)}") from None
     if not np.isfinite(number):
         raise error(f"{name} must be finite, not {number}")
     return number
+
+
+def shortened(value: Any) -> str:
+    """What messages show of a value that may be anything: one line, not too long."""
+    text = " ".join(repr(value).split())
+    return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}..."
 
 
 def _spell(shape: tuple[int | None, ...]) -> str:

@@ -78,6 +78,8 @@ class Machine:
         Raises:
             MachineError: Unknown frame; the message lists the frames there are.
         """
+        if not isinstance(payload, Payload):
+            raise MachineError(f"payload must be a Payload, not {type(payload).__name__}")
         return replace(self, model=payload.attached_to(self.model))
 
     def with_limits(self, *, velocity: Any = None, acceleration: Any = None) -> Machine:

@@ -14,6 +14,7 @@ from typing import IO, Any
 import numpy as np
 import pinocchio as pin
 
+from zmp_sqp.arrays import shortened
 from zmp_sqp.errors import MachineError
 from zmp_sqp.mechanics.footprint import footprint, footprint_of_links
 from zmp_sqp.mechanics.limits import JointLimits
@@ -92,7 +93,7 @@ def shipped_machines() -> dict[str, Path]:
 
 def _locate(source: str | os.PathLike[str]) -> Path:
     if not isinstance(source, str | os.PathLike) or not os.fspath(source):
-        raise MachineError(f"source must be the name of a machine or the path of a URDF, not {source!r}")
+        raise MachineError(f"source must be the name of a machine or the path of a URDF, not {shortened(source)}")
     shipped = shipped_machines()
     if isinstance(source, str) and source in shipped:
         return shipped[source]
@@ -161,7 +162,7 @@ def _support(
         return support
     links = [support] if isinstance(support, str) else support
     if not isinstance(links, Sequence) or not all(isinstance(link, str) for link in links):
-        raise MachineError(f"support must be a SupportPolygon or names of contact links, not {support!r}")
+        raise MachineError(f"support must be a SupportPolygon or names of contact links, not {shortened(support)}")
     return footprint_of_links(description, model, links)
 
 

@@ -38,7 +38,7 @@ def zmp(machine: Machine, q: Any, v: Any, a: Any, ground: Ground) -> Array:
     """
     if not isinstance(machine, Machine):
         raise MachineError(f"machine must be a Machine (see load_machine), not {type(machine).__name__}")
-    if not isinstance(ground, Ground):
+    if isinstance(ground, type) or not isinstance(ground, Ground):
         raise MachineError(f"ground must have a gravity(yaw) as Slope has, not {ground!r}")
     position = _samples(machine, q, "q")
     velocity, acceleration = _samples(machine, v, "v"), _samples(machine, a, "a")

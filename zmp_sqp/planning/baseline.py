@@ -33,6 +33,8 @@ def phase_plane(machine: Machine, start: Any, goal: Any) -> Trajectory:
     Raises:
         ProblemError: Wrong shapes, not finite, outside the joint limits, or a limit is missing.
     """
+    if not isinstance(machine, Machine):
+        raise ProblemError(f"machine must be a Machine (see load_machine), not {type(machine).__name__}")
     names, limits = machine.joint_names, machine.limits
     q0 = frozen_array(start, name="start", shape=(machine.size,), error=ProblemError)
     qf = frozen_array(goal, name="goal", shape=(machine.size,), error=ProblemError)

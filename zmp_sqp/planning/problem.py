@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from zmp_sqp.arrays import Array, finite_number, frozen_array
+from zmp_sqp.arrays import Array, finite_number, frozen_array, shortened
 from zmp_sqp.errors import MachineError, ProblemError
 from zmp_sqp.mechanics.ground import Ground, Slope
 from zmp_sqp.mechanics.machine import Machine
@@ -19,8 +19,10 @@ from zmp_sqp.planning.simplified import FORM_TOLERANCE, DistanceLimits, simplifi
 __all__ = ["MODELS", "Problem"]
 
 LEVEL = Slope()
+MOST_ACCELERATIONS = 10_000  # intervals times joints: memory goes with the square, here 2 GB
 MODELS = ("full", "simplified")
 LIMIT_TOLERANCE = 1e-9  # [rad or m] rounding that a start or goal may stand outside its limits
+LIMIT_RANGE = (1e-12, 1e12)  # [rad or m, per second, per second squared] beyond, squares of durations overflow
 STATIC_TOLERANCE = 1e-9  # [m] likewise for the ZMP at rest
 
 
@@ -59,8 +61,8 @@ class Problem:
     def __post_init__(self) -> None:
         if not isinstance(self.machine, Machine):
             raise ProblemError(f"machine must be a Machine (see load_machine), not {type(self.machine).__name__}")
-        if not isinstance(self.ground, Ground):
-            raise ProblemError(f"ground must have a gravity(yaw) as Slope has, not {self.ground!r}")
+        if isinstance(self.ground, type) or not isinstance(self.ground, Ground):
+            raise ProblemError(f"ground must have a gravity(yaw) as Slope has, not {shortened(self.ground)}")
         size = self.machine.size
         for name in ("start", "goal", "start_velocity", "goal_velocity"):
             given = getattr(self, name)
@@ -70,7 +72,10 @@ class Problem:
             values = frozen_array(given, name=name, shape=(size,), error=ProblemError, labels=names)
             object.__setattr__(self, name, values)
         if isinstance(self.intervals, bool) or not isinstance(self.intervals, (int, np.integer)) or self.intervals < 2:
-            raise ProblemError(f"intervals must be a whole number of at least 2, not {self.intervals!r}")
+            raise ProblemError(f"intervals must be a whole number of at least 2, not {shortened(self.intervals)}")
+        if self.intervals * size > MOST_ACCELERATIONS:
+            most = MOST_ACCELERATIONS // size
+            raise ProblemError(f"intervals must be at most {most} for {size} joints, not {shortened(self.intervals)}")
         object.__setattr__(self, "intervals", int(self.intervals))
         if self.model not in MODELS:
             raise ProblemError(f"unknown model {self.model!r}; there is {', '.join(MODELS)}")
@@ -87,6 +92,13 @@ class Problem:
             raise ProblemError(
                 f"no {'; no '.join(parts)}: give limits= to load_machine, or a joint_limits.yaml beside the URDF"
             )
+        least, most = LIMIT_RANGE
+        for key in ("velocity", "acceleration"):
+            for joint, value in zip(self.machine.joint_names, getattr(self.machine.limits, key), strict=True):
+                if not least <= value <= most:
+                    raise ProblemError(
+                        f"{key} limit of joint {joint!r} is {value:.6g}: planning needs {least:g} to {most:g}"
+                    )
 
     @property
     def coordinates(self) -> Coordinates:
