@@ -176,7 +176,8 @@ def _stretches(
     support, h = machine.support, np.diff(trajectory.times)[interval]
     count = len(interval)
     # every start, and those ends that are not the next stretch's start
-    ends = np.flatnonzero(np.append((np.diff(interval) != 0) | (np.diff(share) != length[:-1]), True))
+    apart = np.abs(np.diff(share) - length[:-1]) > 4.0 * EPSILON
+    ends = np.flatnonzero(np.append((np.diff(interval) != 0) | apart, True))
     looked_at = np.concatenate([np.arange(count), ends])
     since = np.concatenate([share, (share + length)[ends]]) * h[looked_at]
     states = trajectory.state_in(interval[looked_at], since)
