@@ -258,6 +258,23 @@ def test_help_lists_scenarios_examples_and_exit_codes(arguments: list[str], caps
     assert max(len(line) for line in printed.splitlines()) <= 100
 
 
+def test_help_of_paper_explains_files_keys_and_exit_codes(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        cli.main(["paper", "--help"])
+    assert caught.value.code == 0
+    printed = capsys.readouterr().out
+    for words in ("examples:", "exit codes:", "time_in_F", "ladder", "paper.json"):
+        assert words in printed
+    assert max(len(line) for line in printed.splitlines()) <= 110
+
+
+def test_the_simplified_model_is_a_scenario_like_any_other(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["plan", "paper_1_simplified", "--json", "-"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert 4.5 <= result["duration"] <= 4.505  # [s]
+    assert result["joints"]["head"]["peak_rate"] < 1e-12  # [rad/s]
+
+
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as caught:
         cli.main(["--version"])

@@ -76,7 +76,17 @@ def test_the_sqp_knows_no_robot():
     }
 
 
-LEAVES = ("zmp_sqp.cli", "zmp_sqp.report", "zmp_sqp.plots", "zmp_sqp.scenario")
+LEAVES = (
+    "zmp_sqp.cli",
+    "zmp_sqp.paper",
+    "zmp_sqp.paper_command",
+    "zmp_sqp.paper_figures",
+    "zmp_sqp.paper_ladder",
+    "zmp_sqp.paper_tables",
+    "zmp_sqp.plots",
+    "zmp_sqp.report",
+    "zmp_sqp.scenario",
+)
 
 
 def test_only_leaves_import_leaves_and_nobody_the_command_line():

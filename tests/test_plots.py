@@ -10,7 +10,10 @@ import numpy as np
 import pytest
 
 from zmp_sqp.mechanics import SupportPolygon
+from zmp_sqp.paper import Motions
+from zmp_sqp.paper_figures import FIGURES, draw_figures
 from zmp_sqp.planning import Plan, Trajectory, phase_plane, plan
+from zmp_sqp.planning.base_motion import asymmetric_profile
 from zmp_sqp.plots import PLANNER_COLOURS, plot_joints, plot_zmp, sample_times
 from zmp_sqp.scenario import load_scenario
 
@@ -112,3 +115,33 @@ def test_matplotlib_and_rich_are_not_imported_before_they_are_needed() -> None:
     code = "import sys, zmp_sqp.cli, zmp_sqp.plots; print([m for m in ('matplotlib', 'rich') if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+def test_a_window_fixes_both_axes_as_the_papers_are(
+    planned: Plan, baseline: Trajectory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    saved = curves(monkeypatch)
+    plot_zmp(planned.problem, {"phase plane": baseline}, "nowhere.png", window=3.0)
+    [axes] = saved[0].axes
+    assert (axes.get_xlim(), axes.get_ylim()) == ((-3.0, 3.0), (-3.0, 3.0))
+
+
+def test_figures_4_to_6_show_every_planner_on_every_joint_with_dashed_limits(
+    planned: Plan, baseline: Trajectory, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    saved = curves(monkeypatch)
+    arms = {"phase plane": baseline, "full model": planned.trajectory, "simplified": planned.trajectory}
+    base = asymmetric_profile(-2.0, forward=2.0, backward=2.0, max_speed=10.0, least_duration=0.0)
+    moving = Motions(planned.problem, arms, {"phase plane": base, "simplified": base})
+    assert [path.name for path in draw_figures(Motions(planned.problem, arms, {}), moving, tmp_path)] == list(FIGURES)
+    _, joints, locus, accelerations = saved
+    assert len(joints.axes) == 3 * 5
+    assert len(accelerations.axes) == 1 + 5
+    for axes in joints.axes:
+        drawn = {line.get_label(): line.get_color() for line in axes.get_lines()}
+        assert {name: drawn[name] for name in arms} == {name: PLANNER_COLOURS[name] for name in arms}
+    for axes in [*joints.axes[::3], *accelerations.axes]:
+        dashed = [line.get_ydata()[0] for line in axes.get_lines() if line.get_linestyle() == "--"]
+        assert len(dashed) == 2
+        assert axes.get_ylim()[0] < min(dashed) < max(dashed) < axes.get_ylim()[1]
+    assert locus.axes[0].get_xlim() == (-3.0, 3.0)

@@ -1,4 +1,4 @@
-"""Command line: `zmp-sqp plan SCENARIO`."""
+"""Command line: `zmp-sqp plan SCENARIO`, `zmp-sqp paper`."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ import numpy as np
 
 from zmp_sqp import __version__
 from zmp_sqp.errors import ZmpSqpError
+from zmp_sqp.paper_command import PAPER_FILES, PAPER_KEYS, run_paper
 from zmp_sqp.planning import Plan, Problem, Trajectory, phase_plane, plan
 from zmp_sqp.plots import joint_unit, plot_joints, plot_zmp
 from zmp_sqp.report import RESULT_KEYS, history_table, joint_table, make_result, summary_table
@@ -69,7 +70,10 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="zmp-sqp",
         description="Minimum-time motions of heavy mobile manipulators that do not tip over.",
-        epilog=f"examples:\n  zmp-sqp plan paper_1 --out out/paper_1\n  zmp-sqp plan --help\n\n{shipped}\n{EXIT_CODES}",
+        epilog=(
+            "examples:\n  zmp-sqp plan paper_1 --out out/paper_1\n  zmp-sqp plan --help\n"
+            f"  zmp-sqp paper --out out/paper\n\n{shipped}\n{EXIT_CODES}"
+        ),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"zmp-sqp {__version__}")
@@ -99,7 +103,54 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--margin", type=float, metavar="M", help="[m] from ZMP to edges (default: the scenario's)")
     command.add_argument("--no-figures", dest="figures", action="store_false", help="write no figures")
     command.add_argument("--verbose", action="store_true", help="print every iteration of the SQP")
+    _add_paper(commands)
     return parser
+
+
+def _add_paper(commands: Any) -> None:
+    command = commands.add_parser(
+        "paper",
+        help="every table and figure of Song & Sharf 2020 beside its numbers",
+        description=(
+            "Plan both tests of Song & Sharf 2020 with every planner, the variants that its misprints suggest, the\n"
+            "base's motion under eq. (21), the analytic slew, and a ladder of payloads and reaches; print tables,\n"
+            "write figures."
+        ),
+        epilog=(
+            "examples:\n"
+            "  zmp-sqp paper --out out/paper               tables and figures 3, 4, 5, 6; a minute or two\n"
+            "  zmp-sqp paper --no-ladder --json -          results for another program\n\n"
+            f"{PAPER_KEYS}\n{EXIT_CODES}"
+        ),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    command.set_defaults(run=_paper)
+    command.add_argument(
+        "--out", type=Path, metavar="DIR", help=f"write {', '.join(PAPER_FILES)}, in place of old ones"
+    )
+    command.add_argument(
+        "--json", metavar="FILE", help="write the results; - is standard output, with nothing else there"
+    )
+    command.add_argument("--qp-solver", default="proxqp", metavar="NAME", help="of the tests (default: proxqp)")
+    command.add_argument(
+        "--repeats", type=_count, default=5, metavar="K", help="plans per time (default: 5, the median)"
+    )
+    command.add_argument("--no-ladder", dest="ladder", action="store_false", help="leave the ladder out")
+    command.add_argument("--no-figures", dest="figures", action="store_false", help="write no figures")
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"must be a whole number of at least 1, not {text!r}")
+    return int(text)
+
+
+def _paper(arguments: argparse.Namespace) -> int:
+    safe = run_paper(
+        out=arguments.out, json_file=arguments.json, with_ladder=arguments.ladder, figures=arguments.figures,
+        qp_solver=arguments.qp_solver, repeats=arguments.repeats,
+    )  # fmt: skip
+    return DONE if safe else UNSAFE
 
 
 # --- zmp-sqp plan -----------------------------------------------------------------------------------------------------

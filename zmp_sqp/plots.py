@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.errors import ContactLost, ProblemError
-from zmp_sqp.mechanics import Machine, zmp
+from zmp_sqp.mechanics import Ground, Machine, SupportPolygon, zmp
 from zmp_sqp.planning import Problem, Trajectory
 from zmp_sqp.scenario import sliding_joints
 
@@ -18,7 +18,17 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["joint_unit", "plot_joints", "plot_zmp", "sample_times"]
+__all__ = [
+    "PLANNER_COLOURS",
+    "draw_loci",
+    "joint_unit",
+    "new_figure",
+    "planner_colours",
+    "plot_joints",
+    "plot_zmp",
+    "sample_times",
+    "save",
+]
 
 PLANNER_COLOURS = {"phase plane": "tab:green", "full model": "tab:red", "simplified": "tab:blue"}  # the paper's
 OTHER_COLOURS = ("tab:purple", "tab:orange", "tab:brown", "tab:pink", "tab:olive", "tab:cyan")
@@ -28,7 +38,9 @@ LEVEL = 1e-3  # sine of a slope that is not worth an arrow
 RESOLUTION = 100  # [dots per inch]
 
 
-def plot_zmp(problem: Problem, trajectories: Mapping[str, Trajectory], path: str | Path) -> None:
+def plot_zmp(
+    problem: Problem, trajectories: Mapping[str, Trajectory], path: str | Path, *, window: float = 0.0
+) -> None:
     """Draw ZMP loci in the support polygon: fig. 3 of Song & Sharf 2020.
 
     The axes are the paper's, x to the right of the machine and y ahead of it: (-y, x) of the root frame. The ZMP jumps
@@ -39,36 +51,59 @@ def plot_zmp(problem: Problem, trajectories: Mapping[str, Trajectory], path: str
         problem: Gives machine, support polygon and ground.
         trajectories: Motions by planner; "phase plane", "full model" and "simplified" have the paper's colours.
         path: File to write; its ending chooses the format.
+        window: As in `draw_loci` [m].
 
     Raises:
         ProblemError: The machine has no support polygon.
     """
-    if problem.machine.support is None:
+    support = problem.machine.support
+    if support is None:
         raise ProblemError(f"machine {problem.machine.name!r} has no support polygon to draw")
-    vertices = problem.machine.support.vertices  # (V, 2)
-    figure = _new_figure(width=5.4, height=6.0)
+    figure = new_figure(width=5.4, height=6.0)
+    loci = {
+        name: [_locus(problem, trajectory, times) for times in sample_times(trajectory)]
+        for name, trajectory in trajectories.items()
+    }
+    draw_loci(figure, support, problem.ground, loci, window=window)
+    save(figure, path)
+
+
+def draw_loci(
+    figure: Figure, support: SupportPolygon, ground: Ground, loci: Mapping[str, Sequence[Array]], *, window: float = 0.0
+) -> None:
+    """Draw support polygon, ZMP loci with their ends, and the way downhill; the legend stands above.
+
+    Args:
+        figure: An empty one.
+        support: The polygon.
+        ground: For its slope.
+        loci: By planner; one array (K, 2) of ZMPs in the root frame for each piece without a jump [m].
+        window: Both axes reach from -window to window, as the paper's do [m]; 0 fits them to what is drawn.
+    """
     axes = figure.add_subplot()
+    vertices = support.vertices  # (V, 2)
     axes.plot(
         *_paper_axes(np.vstack([vertices, vertices[:1]])).T, color="black", linewidth=1.6, label="support polygon"
     )
-    colours = _planner_colours(trajectories)
-    for name, trajectory in trajectories.items():
-        pieces = [_paper_axes(_locus(problem, trajectory, times)) for times in sample_times(trajectory)]
+    colours = planner_colours(loci)
+    for name, locus in loci.items():
+        pieces = [_paper_axes(piece) for piece in locus]
         gap = np.full((1, 2), np.nan)
-        axes.plot(*np.vstack(pieces).T, color=colours[name], linewidth=0.5, alpha=0.6)
+        axes.plot(*np.vstack(pieces).T, color=colours[name], linewidth=0.9, alpha=0.7)
         broken = np.vstack([row for piece in pieces for row in (piece, gap)])
         axes.plot(*broken.T, color=colours[name], linewidth=1.6, label=f"ZMP locus: {name}")
         for point, marker in ((pieces[0][0], "o"), (pieces[-1][-1], "s")):
             axes.plot(*point, color=colours[name], marker=marker, markersize=7, markeredgecolor="black", zorder=3)
     for marker, label in (("o", "ZMP initial"), ("s", "ZMP final")):
         axes.plot([], [], "w", marker=marker, markersize=7, markeredgecolor="black", linestyle="none", label=label)
-    _draw_downhill(axes, problem)
-    axes.set_aspect("equal", adjustable="datalim")
+    _draw_downhill(axes, ground)
+    if window:
+        axes.set(xlim=(-window, window), ylim=(-window, window))
+    axes.set_aspect("equal", adjustable="box" if window else "datalim")
     axes.set_xlabel("x, to the right of the machine [m]")
     axes.set_ylabel("y, ahead of the machine [m]")
     axes.grid(alpha=0.3)
     figure.legend(loc="outside upper center", ncols=2)
-    _save(figure, path)
 
 
 def plot_joints(machine: Machine, trajectory: Trajectory, path: str | Path) -> None:
@@ -95,7 +130,7 @@ def plot_joints(machine: Machine, trajectory: Trajectory, path: str | Path) -> N
             limits.position_upper,
         ),
     )
-    figure = _new_figure(width=6.4, height=7.2)
+    figure = new_figure(width=6.4, height=7.2)
     for axes, (label, values, lower, upper) in zip(figure.subplots(3, 1, sharex=True), panels, strict=True):
         for joint, name in enumerate(trajectory.joint_names):
             dashes = LINE_STYLES[joint // len(JOINT_COLOURS) % len(LINE_STYLES)]
@@ -106,7 +141,7 @@ def plot_joints(machine: Machine, trajectory: Trajectory, path: str | Path) -> N
         axes.grid(alpha=0.3)
     axes.set_xlabel("time [s]")
     figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=6)
-    _save(figure, path)
+    save(figure, path)
 
 
 def sample_times(trajectory: Trajectory, count: int = 600) -> list[Array]:
@@ -146,15 +181,14 @@ def _paper_axes(points: Array) -> Array:
     return np.column_stack([-points[:, 1], points[:, 0]])
 
 
-def _draw_downhill(axes: Axes, problem: Problem) -> None:
+def _draw_downhill(axes: Axes, ground: Ground) -> None:
     """Arrow from the origin down the slope, as long as the slope is steep; none on level ground."""
-    gravity = problem.ground.gravity()
+    gravity = ground.gravity()
     down = gravity[:2] / np.linalg.norm(gravity)
     if np.linalg.norm(down) > LEVEL:
         [tip] = _paper_axes(2.0 * down[None])
         axes.annotate("", xy=tip, xytext=(0.0, 0.0), arrowprops={"arrowstyle": "->", "color": "grey", "linewidth": 1.6})
-        raised = axes.annotate("downhill", xy=tip / 2, xytext=(0.0, 6.0), textcoords="offset points", color="grey")
-        raised.set_horizontalalignment("center")
+        axes.annotate("downhill", xy=(0.0, 0.0), xytext=(6.0, -12.0), textcoords="offset points", color="grey")
 
 
 def _draw_limits(axes: Axes, bounds: Array, *, everything: bool) -> None:
@@ -171,17 +205,19 @@ def _joint_colour(joint: int) -> str:
     return JOINT_COLOURS[joint % len(JOINT_COLOURS)]
 
 
-def _planner_colours(names: Iterable[str]) -> dict[str, str]:
+def planner_colours(names: Iterable[str]) -> dict[str, str]:
+    """Colours by planner: the paper's for its own, others in turn."""
     others = [name for name in names if name not in PLANNER_COLOURS]
     return PLANNER_COLOURS | {name: OTHER_COLOURS[i % len(OTHER_COLOURS)] for i, name in enumerate(others)}
 
 
-def _new_figure(*, width: float, height: float) -> Figure:
+def new_figure(*, width: float, height: float) -> Figure:
     """Figure of that size in inches that needs no display and leaves no state in matplotlib.pyplot."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), layout="constrained")
 
 
-def _save(figure: Figure, path: str | Path) -> None:
+def save(figure: Figure, path: str | Path) -> None:
+    """Write a figure; the path's ending chooses the format."""
     figure.savefig(path, dpi=RESOLUTION)

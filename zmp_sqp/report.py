@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rich.table import Table
     from rich.text import Text
 
-__all__ = ["RESULT_KEYS", "history_table", "joint_table", "make_result", "summary_table"]
+__all__ = ["RESULT_KEYS", "history_table", "joint_table", "make_result", "summary_table", "versions"]
 
 PACKAGES = ("numpy", "scipy", "pin", "proxsuite", "piqp", "qpsolvers")  # whose versions a result names
 RESULT_KEYS = """\
@@ -55,7 +55,7 @@ def make_result(scenario: Scenario, found: Plan, baseline: Trajectory | None, qp
         "qp_solver": qp_solver,
         "phase_plane": None if baseline is None else _baseline_result(found.problem, baseline),
         "joints": _joint_peaks(found.problem, found.trajectory) if found.success else None,
-        "versions": _versions(),
+        "versions": versions(),
     }
 
 
@@ -143,7 +143,7 @@ def _margin(motion: Mapping[str, Any]) -> str | Text:
     return Text(text, style="" if margin is not None and round(margin, 4) >= 0.0 else "bold red")
 
 
-def _versions() -> dict[str, str]:
+def versions() -> dict[str, str]:
     """Of this program, of Python, and of what it stands on."""
     versions = {"zmp-sqp": __version__, "python": platform.python_version()}
     for package in PACKAGES:

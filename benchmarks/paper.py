@@ -1,0 +1,73 @@
+"""Song & Sharf 2020 beside our own numbers, with the ladder that the paper lacks; the README's tables are made from it.
+
+    python -m benchmarks.paper [--repeats 7] [--json benchmarks/results/paper.json]
+    python -m benchmarks.paper --readme        README.md's tables from benchmarks/results/paper.json, nothing is run
+
+What is computed stands in zmp_sqp/paper.py and zmp_sqp/paper_ladder.py; `zmp-sqp paper` shows the same with figures.
+The exit code is 1 where something that should be safe is not.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from benchmarks.harness import console, save_json
+from zmp_sqp.paper_command import paper_result
+from zmp_sqp.paper_tables import comparison_sheet, ladder_overview, markdown, sheets, terminal
+
+ROOT = Path(__file__).resolve().parents[1]
+RESULTS = ROOT / "benchmarks" / "results" / "paper.json"
+BEGIN, END = "<!-- made by python -m benchmarks.paper --readme -->", "<!-- end -->"
+ASKED = 60  # [F] for the simplified model from cold
+
+
+def readme_tables(result: Mapping[str, Any]) -> str:
+    """What stands between the marks in README.md."""
+    paper, rungs = comparison_sheet(result["tests"]), ladder_overview(result["ladder"])
+    return f"{BEGIN}\n\n{markdown(paper)}\n{markdown(rungs)}\n{END}"
+
+
+def update_readme(text: str, result: Mapping[str, Any]) -> str:
+    """The README with its tables made anew."""
+    pattern = re.compile(f"{re.escape(BEGIN)}.*?{re.escape(END)}", re.DOTALL)
+    if len(pattern.findall(text)) != 1:
+        raise SystemExit(f"README.md must hold {BEGIN} ... {END} once")
+    return pattern.sub(lambda _: readme_tables(result), text)
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--repeats", type=int, default=7, help="plans per time, of which the median counts (default 7)")
+    parser.add_argument("--json", type=Path, help="write the numbers here")
+    parser.add_argument(
+        "--readme", action="store_true", help=f"make README.md's tables from {RESULTS.relative_to(ROOT)}"
+    )
+    options = parser.parse_args()
+    if options.readme:
+        readme = ROOT / "README.md"
+        readme.write_text(
+            update_readme(readme.read_text(encoding="utf-8"), json.loads(RESULTS.read_text())), encoding="utf-8"
+        )
+        return 0
+
+    result, _ = paper_result(repeats=options.repeats, step=lambda what: console.print(f"  {what}", style="dim"))
+    for sheet in sheets(result):
+        console.print(terminal(sheet))
+    for test in result["tests"]:
+        units = test["planners"]["simplified"]["time_in_F"]
+        console.print(f"{test['title']}: simplified model from cold in {units:.0f} F (asked: {ASKED})")
+    for failure in result["failures"]:
+        console.print(failure, style="bold red")
+    if options.json is not None:
+        save_json(options.json, result)
+    return 1 if result["failures"] else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
