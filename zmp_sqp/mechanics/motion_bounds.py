@@ -72,13 +72,15 @@ def _bound(machine: Machine, motion: tuple[Array, ...], gravity: float, *, order
         rates[k, machine.index_v] = values.T
     spin: list[list[Array]] = [[zero] * (ORDERS - 1)]  # |w^(k)|, k = 0..3, of the universe
     place: list[list[Array]] = [[zero] * ORDERS]  # |p^(k)|, k = 0..4, of the joint origins
+    unit: list[list[Array]] = [[zero + 1.0] + [zero] * (ORDERS - 1)]  # |u^(k)| of a unit vector fixed in the body
+    largest = [float(value) for value in np.linalg.eigvalsh([body.inertia for body in model.inertias])[:, -1]]
     force, moment = np.zeros(count), np.zeros(count)
     for joint in range(1, model.njoints):
         parent = model.parents[joint]
-        turned = _turning(spin[parent])  # what a unit vector fixed in the parent does
+        turned = unit[parent]
         offset = float(np.linalg.norm(model.jointPlacements[joint].translation))
         origin = [place[parent][k] + turned[k] * offset for k in range(ORDERS)]
-        own = list(spin[parent])
+        own = spin[parent]
         if joint > 1:  # the root itself stands still
             q = rates[:, model.joints[joint].idx_v]
             slides = model.joints[joint].shortname().startswith(("JointModelP", "JointModelMimicP"))
@@ -90,15 +92,15 @@ def _bound(machine: Machine, motion: tuple[Array, ...], gravity: float, *, order
         spin.append(own)
         place.append(origin)
         inertia = model.inertias[joint]
-        body = _turning(own)
+        body = turned if own is spin[parent] else _turning(own)
+        unit.append(body)
         lever = float(np.linalg.norm(inertia.lever))
         centre = [origin[k] + body[k] * lever for k in range(ORDERS)]
         push = [centre[2] + gravity, centre[3], centre[4]]
         force += inertia.mass * push[order]
         moment += inertia.mass * _leibniz(centre, push, order)
-        largest = float(np.linalg.norm(inertia.inertia, 2))
-        if largest > 0.0:
-            tensor = [np.full(count, largest)]
+        if largest[joint] > 0.0:
+            tensor = [np.full(count, largest[joint])]
             for k in range(3):
                 tensor.append(2.0 * _leibniz(own, tensor, k))
             moment += _leibniz(tensor, own, order + 1)
@@ -115,4 +117,7 @@ def _turning(spin: list[Array]) -> list[Array]:
 
 def _leibniz(first: list[Array] | Array, second: list[Array] | Array, k: int) -> Array:
     """Bound on the k-th derivative of a product of two factors with bounded derivatives."""
-    return np.asarray(sum(comb(k, i) * first[i] * second[k - i] for i in range(k + 1)))
+    total = first[0] * second[k]
+    for i in range(1, k + 1):
+        total = total + comb(k, i) * first[i] * second[k - i]
+    return np.asarray(total)
