@@ -60,8 +60,10 @@ def main() -> int:
     for sheet in sheets(result):
         console.print(terminal(sheet))
     for test in result["tests"]:
-        units = test["planners"]["simplified"]["time_in_F"]
-        console.print(f"{test['title']}: simplified model from cold in {units:.0f} F (asked: {ASKED})")
+        numbers = test["planners"]["simplified"]
+        busy, wall = numbers["time_in_F"], numbers["time"] / numbers["F"]
+        cost = f"{busy:.0f} F of CPU, {wall:.0f} F on the wall"
+        console.print(f"{test['title']}: simplified model from cold in {cost} (asked: {ASKED})")
     for failure in result["failures"]:
         console.print(failure, style="bold red")
     if options.json is not None:

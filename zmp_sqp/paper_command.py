@@ -23,7 +23,7 @@ WIDE = 170  # columns of tables that go into a file or a pipe
 PAPER_KEYS = """\
 --json writes one object; SI units, null where there is no value:
   tests     of each test: name, title, planners (by name: duration, margin and, for ours, success, status,
-            message, lower_bound, iterations, qp_solver, time, time_in_F) and base (of each way: distance,
+            message, lower_bound, iterations, qp_solver, time, time_in_F, F) and base (of each way: distance,
             duration, margin; under eq. (21) lower, upper, factor, peak_acceleration)
   slews     analytic and sqp duration for each radius, with their times
   ladder    a planner's numbers for each payload, boom_deg, reach and model; status "refused" where the

@@ -23,7 +23,7 @@ RUNGS = tuple((payload, boom) for payload in PAYLOADS for boom in BOOMS)
 STEM = np.array([0.0, 0.0, 3.323])  # [m] centre of the tree in the head's frame
 ATTITUDE = -2.0 * np.pi / 3  # of the head, as in eq. (22)
 ROLL = np.deg2rad(-20.0)  # as in test 1
-QP_SOLVER = "piqp"  # where no motion exists it says so within a second; ProxQP may take a minute
+QP_SOLVER = "piqp"  # quick to say that there is none; optima are local, and ProxQP ends at others on some rungs
 
 
 def ladder(rungs: tuple[tuple[float, float], ...] = RUNGS, *, repeats: int = 1) -> Iterator[dict[str, Any]]:
@@ -40,7 +40,7 @@ def ladder(rungs: tuple[tuple[float, float], ...] = RUNGS, *, repeats: int = 1) 
             try:
                 problem = replace(rung_problem(machine, start), model=model)
             except ProblemError as refused:
-                nothing = dict.fromkeys(("duration", "lower_bound", "margin", "iterations", "time", "time_in_F"))
+                nothing = dict.fromkeys(("duration", "lower_bound", "margin", "iterations", "time", "time_in_F", "F"))
                 yield where | {"model": model, "success": False, "status": "refused", "message": str(refused)} | nothing
                 continue
             yield where | {"model": model} | time_plan(problem, qp_solver=QP_SOLVER, repeats=repeats)[1]

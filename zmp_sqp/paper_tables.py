@@ -73,7 +73,7 @@ def _planner_sheet(tests: Iterable[Mapping[str, Any]]) -> Sheet:
             )
             rows.append((test["title"], name, _number(planned["duration"]), _margin(planned["margin"]), *cost))
     columns = ("", "planner", "duration [s]", "least margin [m]", "iterations", "time [ms]", "time [F]")
-    return Sheet("every planner and variant (F: 100 calls of computeRNEADerivatives)", columns, rows)
+    return Sheet("every planner and variant (F: 100 calls of computeRNEADerivatives, CPU time)", columns, rows)
 
 
 def _base_sheet(tests: Iterable[Mapping[str, Any]]) -> Sheet:
@@ -121,7 +121,7 @@ def ladder_sheet(rungs: Iterable[Mapping[str, Any]]) -> Sheet:
         rows.append((*where, *found, *cost, "" if rung["success"] else _short(rung["message"])))
     columns = ("payload [t]", "reach [m]", "model", "duration [s]", "bound [s]", "above [%]", "margin [m]",
                "iterations", "time [ms]", "time [F]", REASON)  # fmt: skip
-    return Sheet("the ladder: half a turn on 20 degrees of roll, payload and reach raised", columns, rows)
+    return Sheet("the ladder: half a turn on 20 degrees of roll, payload and reach raised, QPs by PIQP", columns, rows)
 
 
 def ladder_overview(rungs: Sequence[Mapping[str, Any]]) -> Sheet:
