@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import platform
 import time
 from collections.abc import Mapping, Sequence
@@ -27,16 +28,16 @@ console = Console(width=140, highlight=False)
 
 
 def measure_F(machine: zs.Machine, *, repeats: int = 51) -> float:
-    """F [s]: 100 calls of `pin.computeRNEADerivatives` on this machine's model, in this process, median of many."""
+    """F [s]: processor time of 100 `pin.computeRNEADerivatives` calls on this machine's model, median of many."""
     model, data, rng = machine.model, machine.model.createData(), np.random.default_rng(0)
     q = machine.configuration(rng.uniform(-1.0, 1.0, (EVALUATIONS, machine.size)))
     v, a = rng.uniform(-1.0, 1.0, (2, EVALUATIONS, model.nv))
     rows, evaluate, times = list(zip(q, v, a, strict=True)), pin.computeRNEADerivatives, []
     for _ in range(repeats):
-        started = time.perf_counter()
+        started = time.process_time()
         for one_q, one_v, one_a in rows:
             evaluate(model, data, one_q, one_v, one_a)
-        times.append(time.perf_counter() - started)
+        times.append(time.process_time() - started)
     return float(np.median(times))
 
 
@@ -69,7 +70,8 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]
 def save_json(path: Path, content: Mapping[str, Any], *, rows: Sequence[Sequence[Any]] = ()) -> None:
     """Content with versions and date; `rows` follow one a line, so that differences between runs can be read."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    stamped = {"date": time.strftime("%Y-%m-%d"), "versions": versions(), **content}
+    load = [round(share, 2) for share in os.getloadavg()]  # above the number of processors: others were at work
+    stamped = {"date": time.strftime("%Y-%m-%d"), "load": load, "versions": versions(), **content}
     head = json.dumps(stamped, indent=1).removesuffix("\n}")
     body = ",\n".join(f"  {json.dumps(row)}" for row in rows)
     path.write_text(f'{head},\n "rows": [\n{body}\n ]\n}}\n', encoding="utf-8")
