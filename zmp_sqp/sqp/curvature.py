@@ -49,4 +49,5 @@ def _lifted(H: Array, floor: float) -> Array:
     except np.linalg.LinAlgError:
         values, vectors = np.linalg.eigh(H)
         H = (vectors * np.maximum(values, floor)) @ vectors.T
+        H = 0.5 * (H + H.T)
     return H

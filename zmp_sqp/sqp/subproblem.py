@@ -22,6 +22,7 @@ Multipliers = tuple[Array, Array]
 PRIMAL_TOLERANCE = 1e-7  # of a QP solution that is believed, scaled units
 DUAL_TOLERANCE = 1e-5  # likewise
 SCREEN = 0.05  # rows closer to their bound than this are in the first working set
+MISSED = 0.1  # of the current violation: nonlinear rows that a step misses by less wait for the next linearisation
 ADDED = 1e-9  # rows that a screened solution violates by more join the working set
 MAX_ROUNDS = 12  # of adding violated rows
 LARGE = 300  # rows from which on the fallback is faster, docs/notes.md; ProxQP aborts the process at some thousands
@@ -180,8 +181,9 @@ class Subproblem:
             dx = move if basis is None else basis.d + basis.Z @ move
             if not solved:
                 break
-            added = ~working & (self.lin.C @ dx + self.lin.at.inequalities - t * self.nonlinear > ADDED)
-            if not added.any():
+            over = np.where(working, 0.0, self.lin.C @ dx + self.lin.at.inequalities - t * self.nonlinear)
+            added = over > ADDED
+            if not (over > np.where(self.nonlinear, max(ADDED, MISSED * self.lin.at.violation), ADDED)).any():
                 break
             working = self._working = working | added
             if hands_over and self._is_large():
