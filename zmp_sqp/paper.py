@@ -48,7 +48,7 @@ WAYS = (-2.0, -6.0)  # [m] how far the base backs up; the paper does not say, 2 
 SLEWS = ((1.1, True), (1.3, True), (1.3, False))  # radius of the support [m], whether the paper's joint limits count
 # The two differ by 1.5e-4 on this polygon and grid, by up to 2e-3 on others (40 to 200 corners, 50 and 80 intervals).
 CORNERS, SLEW_INTERVALS = 80, 80  # of the polygon that stands for a circle, same for both; of the SQP's grid
-SLEW_SOLVER = "piqp"  # sparse: a round polygon has too many rows for the dense ProxQP
+SLEW_SOLVER = "piqp"  # sparse: a round polygon has many rows
 DURATION_TOLERANCE = 1e-3  # relative: test durations against the paper's
 SLEW_TOLERANCE = 2e-3  # relative: analytic slew against the SQP
 MARGIN_TOLERANCE = 1e-6  # [m]
