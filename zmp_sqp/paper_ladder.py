@@ -23,7 +23,7 @@ RUNGS = tuple((payload, boom) for payload in PAYLOADS for boom in BOOMS)
 STEM = np.array([0.0, 0.0, 3.323])  # [m] centre of the tree in the head's frame
 ATTITUDE = -2.0 * np.pi / 3  # of the head, as in eq. (22)
 ROLL = np.deg2rad(-20.0)  # as in test 1
-# ProxQP ends at its iteration limit on one rung (5 t, -50 degrees, simplified) and is 0.6 % faster on another (5 t, -10).
+# ProxQP ends at its iteration limit on one rung (5 t, -50 deg, simplified) and is 0.6 % faster on another (5 t, -10).
 QP_SOLVER = "piqp"
 
 
