@@ -33,6 +33,7 @@ from zmp_sqp.planning import (
     SlewInsight,
     Status,
     Trajectory,
+    UnicycleBase,
     analytic_slew,
     analytic_slew_duration,
     base_acceleration_bound,
@@ -42,6 +43,7 @@ from zmp_sqp.planning import (
     plan,
     plan_base,
     slew_insight,
+    trajectory_zmp,
 )
 
 __version__ = "0.1.0"
@@ -67,6 +69,7 @@ __all__ = [
     "SupportPolygon",
     "Trajectory",
     "TrajectoryError",
+    "UnicycleBase",
     "ZmpSqpError",
     "analytic_slew",
     "analytic_slew_duration",
@@ -80,5 +83,6 @@ __all__ = [
     "shipped_machines",
     "slew_insight",
     "stability_margin",
+    "trajectory_zmp",
     "zmp",
 ]

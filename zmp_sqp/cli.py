@@ -192,8 +192,8 @@ def _plan(arguments: argparse.Namespace) -> int:
 
 
 def _baseline(problem: Problem) -> Trajectory | None:
-    """The motion that knows no ZMP; it goes from rest to rest only."""
-    if np.any(problem.start_velocity) or np.any(problem.goal_velocity):
+    """The motion that knows no ZMP; it goes from rest to rest only, on a base that stands."""
+    if problem.base is not None or np.any(problem.start_velocity) or np.any(problem.goal_velocity):
         return None
     return phase_plane(problem.machine, problem.start, problem.goal)
 

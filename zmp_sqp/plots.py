@@ -10,8 +10,8 @@ import numpy as np
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.errors import ContactLost, ProblemError
-from zmp_sqp.mechanics import Ground, Machine, SupportPolygon, zmp
-from zmp_sqp.planning import Problem, Trajectory
+from zmp_sqp.mechanics import Ground, Machine, SupportPolygon
+from zmp_sqp.planning import Problem, Trajectory, trajectory_zmp
 from zmp_sqp.scenario import sliding_joints
 
 if TYPE_CHECKING:
@@ -169,9 +169,8 @@ def joint_unit(machine: Machine) -> str:
 
 def _locus(problem: Problem, trajectory: Trajectory, times: Array) -> Array:
     """ZMP at times within one interval, shape (K, 2) [m]; NaN if the machine lifts off."""
-    q, v, a = trajectory(times)
     try:
-        return zmp(problem.machine, q, v, a, problem.ground)
+        return trajectory_zmp(problem.machine, trajectory, times, problem.ground)
     except ContactLost:
         return np.full((len(times), 2), np.nan)
 

@@ -50,6 +50,10 @@ class JointLimits:
             raise MachineError(f"all limits must have the same number of joints, not {lengths}")
         _check({key: getattr(self, key) for key in KEYS}, range(lengths["velocity"]))
 
+    def followed_by(self, more: JointLimits) -> JointLimits:
+        """These limits, then those of more coordinates."""
+        return JointLimits(*(np.concatenate([getattr(self, key), getattr(more, key)]) for key in KEYS))
+
     def updated(self, changes: Mapping[str, Any], joint_names: Sequence[str]) -> JointLimits:
         """The same limits with some replaced.
 

@@ -29,7 +29,7 @@ class WrenchBound:
 
 
 def wrench_curvature_bound(
-    machine: Machine, v: Array, a: Array, j: Array, *, reach: Array, gravity: float
+    machine: Machine, v: Array, a: Array, j: Array, *, reach: Array, gravity: float, base: Array | None = None
 ) -> WrenchBound:
     r"""Second time derivatives of the wrench in any motion whose rates, accelerations and jerks stay below these.
 
@@ -37,42 +37,61 @@ def wrench_curvature_bound(
 
     .. math::
         \ddot f = \sum m_i c_i^{(4)}, \quad
-        \ddot \tau = \sum m_i (c_i \times (\ddot c_i - g))'' + \dddot L_i
+        \ddot \tau = \sum m_i ((c_i - o) \times (\ddot c_i - g))'' + \dddot L_i
+
+    in axes that stand still, about the root origin o, which may move. In root axes R, which turn with \Omega, a vector
+    W has
+
+    .. math::
+        |(R^T W)''| = |W'' - 2 \Omega \times W' - \Omega' \times W + \Omega \times (\Omega \times W)|
+                    \le |W''| + 2 |\Omega| |W'| + (|\Omega'| + |\Omega|^2) |W|
 
     The norms of all derivatives follow from root to tip: a vector b fixed in a body that turns with w has
     :math:`b' = w \times b`, hence by Leibniz :math:`|b^{(k+1)}| \le \sum_j \binom{k}{j} |w^{(j)}| |b^{(k-j)}|`; a joint
     adds its axis times the rate to w; an inertia tensor in world axes has :math:`|I'| \le 2 |w| |I|`.
 
     Args:
-        machine: The machine on a standing base.
+        machine: The machine.
         v: Largest |rate| of each joint in each stretch, shape (K, n) [rad/s or m/s].
         a: Largest |acceleration|, shape (K, n).
         j: Largest |jerk|, shape (K, n); higher derivatives are zero.
         reach: Largest |coordinate|, shape (K, n); matters for sliding joints alone [m].
         gravity: Norm of gravity [m/s^2].
+        base: Largest |speed|, |acceleration| and |jerk| along the heading, and |yaw rate|, |yaw acceleration| and |yaw
+            jerk|, shape (2, 3, K), of a root that drives and turns in a plane; None stands still.
     """
-    return _bound(machine, (reach, v, a, j), gravity, order=2)
+    return _bound(machine, (reach, v, a, j), gravity, base, order=2)
 
 
-def wrench_size_bound(machine: Machine, v: Array, a: Array, j: Array, *, reach: Array, gravity: float) -> WrenchBound:
+def wrench_size_bound(
+    machine: Machine, v: Array, a: Array, j: Array, *, reach: Array, gravity: float, base: Array | None = None
+) -> WrenchBound:
     r"""The wrench itself in any such motion, arguments as in `wrench_curvature_bound`.
 
     It is the sum of the absolute values of all that inverse dynamics adds up, so that rounding errors are a small
     multiple of machine precision times this.
     """
-    return _bound(machine, (reach, v, a, j), gravity, order=0)
+    return _bound(machine, (reach, v, a, j), gravity, base, order=0)
 
 
-def _bound(machine: Machine, motion: tuple[Array, ...], gravity: float, *, order: int) -> WrenchBound:
+def _bound(
+    machine: Machine, motion: tuple[Array, ...], gravity: float, base: Array | None, *, order: int
+) -> WrenchBound:
     model = machine.model
     count = len(motion[0])
     zero = np.zeros(count)
     rates = np.zeros((ORDERS + 1, model.nv, count))  # [0] coordinate, [1] rate, ...
     for k, values in enumerate(motion):
         rates[k, machine.index_v] = values.T
-    spin: list[list[Array]] = [[zero] * (ORDERS - 1)]  # |w^(k)|, k = 0..3, of the universe
-    place: list[list[Array]] = [[zero] * ORDERS]  # |p^(k)|, k = 0..4, of the joint origins
-    unit: list[list[Array]] = [[zero + 1.0] + [zero] * (ORDERS - 1)]  # |u^(k)| of a unit vector fixed in the body
+    along, yaw = ([*part, zero] for part in (np.zeros((2, 3, count)) if base is None else base))
+    spin: list[list[Array]] = [yaw]  # |w^(k)|, k = 0..3, of the root: the same as of what it hangs on
+    place: list[list[Array]] = [[zero] * ORDERS]  # |(p - o)^(k)|, k = 0..4, of the joint origins
+    heading = _turning(yaw)
+    drive = [_leibniz(along, heading, k) for k in (1, 2, 3)]  # |o^(k)|, k = 2..4: o' is speed times heading
+    weights = {order: np.ones(count)}  # of |W^(k)| in axes that stand still, for the wrench in root axes
+    if order == 2 and base is not None:
+        weights |= {1: 2.0 * yaw[0], 0: yaw[1] + yaw[0] ** 2}
+    unit: list[list[Array]] = [heading]  # |u^(k)| of a unit vector fixed in the body
     largest = [float(value) for value in np.linalg.eigvalsh([body.inertia for body in model.inertias])[:, -1]]
     force, moment = np.zeros(count), np.zeros(count)
     for joint in range(1, model.njoints):
@@ -81,7 +100,7 @@ def _bound(machine: Machine, motion: tuple[Array, ...], gravity: float, *, order
         offset = float(np.linalg.norm(model.jointPlacements[joint].translation))
         origin = [place[parent][k] + turned[k] * offset for k in range(ORDERS)]
         own = spin[parent]
-        if joint > 1:  # the root itself stands still
+        if joint > 1:  # the root itself moves as the base does
             q = rates[:, model.joints[joint].idx_v]
             slides = model.joints[joint].shortname().startswith(("JointModelP", "JointModelMimicP"))
             if slides:
@@ -96,14 +115,16 @@ def _bound(machine: Machine, motion: tuple[Array, ...], gravity: float, *, order
         unit.append(body)
         lever = float(np.linalg.norm(inertia.lever))
         centre = [origin[k] + body[k] * lever for k in range(ORDERS)]
-        push = [centre[2] + gravity, centre[3], centre[4]]
-        force += inertia.mass * push[order]
-        moment += inertia.mass * _leibniz(centre, push, order)
+        push = [centre[2] + drive[0] + gravity, centre[3] + drive[1], centre[4] + drive[2]]
+        for k, weight in weights.items():
+            force += weight * inertia.mass * push[k]
+            moment += weight * inertia.mass * _leibniz(centre, push, k)
         if largest[joint] > 0.0:
             tensor = [np.full(count, largest[joint])]
             for k in range(3):
                 tensor.append(2.0 * _leibniz(own, tensor, k))
-            moment += _leibniz(tensor, own, order + 1)
+            for k, weight in weights.items():
+                moment += weight * _leibniz(tensor, own, k + 1)
     return WrenchBound(force, moment)
 
 

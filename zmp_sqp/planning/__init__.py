@@ -7,10 +7,13 @@ from zmp_sqp.planning.baseline import phase_plane
 from zmp_sqp.planning.certificate import Certificate, certify
 from zmp_sqp.planning.planner import plan
 from zmp_sqp.planning.problem import Problem
+from zmp_sqp.planning.root_motion import trajectory_zmp
 from zmp_sqp.planning.simplified import DistanceLimits, LumpedMass, simplified_coordinates
 from zmp_sqp.planning.slew import analytic_slew, analytic_slew_duration
 from zmp_sqp.planning.slew_circle import SlewInsight, slew_insight
 from zmp_sqp.planning.trajectory import Trajectory
+from zmp_sqp.planning.unicycle import UnicycleBase
+from zmp_sqp.planning.unicycle_motion import UnicycleMotion
 
 __all__ = [
     "BaseMotion",
@@ -22,6 +25,8 @@ __all__ = [
     "SlewInsight",
     "Status",
     "Trajectory",
+    "UnicycleBase",
+    "UnicycleMotion",
     "analytic_slew",
     "analytic_slew_duration",
     "base_acceleration_bound",
@@ -32,4 +37,5 @@ __all__ = [
     "plan_base",
     "simplified_coordinates",
     "slew_insight",
+    "trajectory_zmp",
 ]

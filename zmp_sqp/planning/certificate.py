@@ -9,13 +9,16 @@ import numpy as np
 
 from zmp_sqp.arrays import Array, finite_number, frozen_array
 from zmp_sqp.errors import MachineError, ProblemError, TrajectoryError
-from zmp_sqp.mechanics.ground import Ground
+from zmp_sqp.mechanics.ground import Ground, Slope
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.motion_bounds import WrenchBound, wrench_curvature_bound, wrench_size_bound
 from zmp_sqp.mechanics.wrench import ground_reaction
 from zmp_sqp.planning.double_integrator import minimum_time
 from zmp_sqp.planning.limits_in_time import limit_excess
+from zmp_sqp.planning.root_motion import root_motion
 from zmp_sqp.planning.trajectory import Trajectory
+from zmp_sqp.planning.unicycle import UnicycleBase
+from zmp_sqp.planning.unicycle_motion import base_excess
 
 __all__ = ["Certificate", "certify"]
 
@@ -64,8 +67,10 @@ class Certificate:
         return self.margin >= self.required and self.limits_ok
 
 
-def certify(machine: Machine, trajectory: Trajectory, ground: Ground, margin: float = 0.0) -> Certificate:
-    r"""Guaranteed stability margin of any trajectory of the machine on a standing base, ours or not.
+def certify(
+    machine: Machine, trajectory: Trajectory, ground: Ground, margin: float = 0.0, *, base: UnicycleBase | None = None
+) -> Certificate:
+    r"""Guaranteed stability margin of any trajectory of the machine, with its base's motion if it has one, ours or not.
 
     Time is cut into stretches. With r = e . p f_z - b f_z of an edge (linear in the wrench) and m the lesser of the two
     margins at a stretch's ends, h = r + m f_z is not positive at both ends, so that by the error of interpolation
@@ -80,16 +85,24 @@ def certify(machine: Machine, trajectory: Trajectory, ground: Ground, margin: fl
         trajectory: The motion; its joints must be the machine's.
         ground: What the machine stands on.
         margin: Distance from the edges that is asked for; stretches near it are looked at more closely [m].
+        base: Limits, start and goal that the base's motion is held to; x and y bounds at the nodes. None does not look.
 
     Raises:
         MachineError: No machine, or no support polygon.
-        ProblemError: The trajectory has other joints, or margin or gravity are not numbers.
+        ProblemError: The trajectory has other joints, margin or gravity are not numbers, or the base moves on other
+            ground than a plane, or not at all although it has limits.
         TrajectoryError: No trajectory, or one whose nodes drift away from what its accelerations produce.
     """
     _check(machine, trajectory, ground)
     required = finite_number(margin, name="margin", error=ProblemError)
     gravity = frozen_array(ground.gravity(), name="gravity", shape=(3,), error=ProblemError)
     excess = limit_excess(machine, trajectory)
+    if trajectory.base is not None and not isinstance(ground, Slope):
+        raise ProblemError(f"a moving base is certified on a Slope, not on {type(ground).__name__}")
+    if base is not None:
+        if trajectory.base is None:
+            raise ProblemError("the trajectory has no base motion to hold to the limits of `base`")
+        excess = max(excess, base_excess(base, trajectory.base))
     steps = np.diff(trajectory.times)
     parts = np.maximum(STRETCHES, np.ceil(steps / LONGEST))
     parts = np.maximum(parts * min(1.0, FIRST / parts.sum()), 1.0).astype(int)
@@ -112,7 +125,7 @@ def certify(machine: Machine, trajectory: Trajectory, ground: Ground, margin: fl
             guaranteed = min(guaranteed, float(found.bound[~loose].min(initial=np.inf)))
             interval, length = np.repeat(interval[loose], SPLIT), np.repeat(length[loose] / SPLIT, SPLIT)
             share = np.repeat(share[loose], SPLIT) + length * np.tile(np.arange(SPLIT), int(loose.sum()))
-    bound = _kinematic_bound(machine, trajectory)
+    bound = max(_kinematic_bound(machine, trajectory), 0.0 if base is None else base.least_duration)
     return Certificate(
         margin=guaranteed - ROUNDING, margin_at=at, edge=edge, sampled=sampled, limits_ok=excess <= LIMIT_TOLERANCE,
         limit_excess=excess, gap=trajectory.duration / bound - 1.0 if bound > 0.0 else 0.0, required=required,
@@ -132,10 +145,15 @@ def _check(machine: Machine, trajectory: Trajectory, ground: Ground) -> None:
         raise ProblemError(f"the trajectory moves {trajectory.joint_names}, the machine has {machine.joint_names}")
     # a rate that creeps up by less than `Trajectory` notices, from each of many nodes to the next, is an acceleration
     q, v, _ = trajectory.state_in(np.arange(trajectory.intervals), np.diff(trajectory.times))
-    for name, gaps in (("velocities", trajectory.velocities[1:] - v), ("positions", trajectory.positions[1:] - q)):
+    followed = [("velocities", trajectory.velocities, v), ("positions", trajectory.positions, q)]
+    if (base := trajectory.base) is not None:
+        pose, velocity, _ = base.state_in(np.arange(trajectory.intervals), np.diff(base.times))
+        followed += [("base velocities", base.velocities, velocity), ("base poses", base.poses, pose)]
+    for name, values, reached in followed:
+        gaps = values[1:] - reached
         with np.errstate(all="ignore"):
             drift = float(np.ptp(np.vstack([np.zeros_like(gaps[:1]), np.cumsum(gaps, axis=0)]), axis=0).max())
-            allowed = DRIFT + OPERATIONS * EPSILON * float(np.abs(getattr(trajectory, name)).sum(axis=0).max())
+            allowed = DRIFT + OPERATIONS * EPSILON * float(np.abs(values).sum(axis=0).max())
         if not drift <= allowed:
             raise TrajectoryError(f"{name} drift by {drift:.3g} away from what the accelerations produce")
 
@@ -164,8 +182,12 @@ def _rounding(machine: Machine, trajectory: Trajectory, gravity: float) -> Wrenc
     a, j, h = np.abs(trajectory.accelerations), np.abs(trajectory.jerks), np.diff(trajectory.times)[:, None]
     v, a = v + h * a + 0.5 * h**2 * j, a + h * j
     q = q + h * v
-    size = wrench_size_bound(machine, v, a, j, reach=q, gravity=gravity)
-    share = OPERATIONS * EPSILON * (1.0 + q.sum(axis=1))
+    base, turned = None, np.zeros(len(q))
+    if trajectory.base is not None:
+        base = trajectory.base.peaks(np.arange(len(q)), np.zeros(len(q)), h[:, 0])
+        turned = np.abs(trajectory.base.poses[:-1, 2]) + h[:, 0] * base[1, 0]
+    size = wrench_size_bound(machine, v, a, j, reach=q, gravity=gravity, base=base)
+    share = OPERATIONS * EPSILON * (1.0 + q.sum(axis=1) + turned)
     return WrenchBound(share * size.force, share * size.moment)
 
 
@@ -181,8 +203,8 @@ def _stretches(
     looked_at = np.concatenate([np.arange(count), ends])
     since = np.concatenate([share, (share + length)[ends]]) * h[looked_at]
     states = trajectory.state_in(interval[looked_at], since)
-    root = np.concatenate([-gravity, np.zeros(3)])
-    wrench = ground_reaction(machine, *states, root_acceleration=root)
+    twist, root = root_motion(trajectory, gravity, interval[looked_at], since)
+    wrench = ground_reaction(machine, *states, root_acceleration=root, root_velocity=twist)
     follower = np.arange(1, count + 1)
     follower[ends] = count + np.arange(len(ends))
     pick = np.concatenate([np.arange(count), follower])
@@ -199,7 +221,9 @@ def _stretches(
     peak_a = np.abs(a).reshape(2, count, -1).max(axis=0)
     peak_v = np.abs(v).reshape(2, count, -1).max(axis=0) + 0.125 * delta**2 * j
     reach = np.abs(q).reshape(2, count, -1).max(axis=0) + 0.5 * delta * peak_v
-    curvature = wrench_curvature_bound(machine, peak_v, peak_a, j, reach=reach, gravity=float(np.linalg.norm(gravity)))
+    base = None if trajectory.base is None else trajectory.base.peaks(interval, share * h, length * h)
+    g = float(np.linalg.norm(gravity))
+    curvature = wrench_curvature_bound(machine, peak_v, peak_a, j, reach=reach, gravity=g, base=base)
     sag = 0.125 * delta[:, 0] ** 2
     least, normal_least = margins.min(axis=0), normal.min(axis=0)[:, None]  # (K, E), (K, 1)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -91,7 +92,25 @@ class ArmModel:
         return np.concatenate([-S * self.gravity, np.zeros(3)])
 
 
-StageModel = ArmModel
+class StageModel(Protocol):
+    """What the transcription asks of a stage, in normalised time, at K states of n coordinates."""
+
+    @property
+    def size(self) -> int:
+        """Number n of coordinates."""
+
+    @property
+    def extra_rows(self) -> int:
+        """Number of rows of `extra`."""
+
+    def wrench(self, q: Array, w: Array, alpha: Array, S: float) -> Array:
+        """S times the ground reaction wrench, shape (K, 6) [N s^2, N m s^2]."""
+
+    def wrench_derivatives(self, q: Array, w: Array, alpha: Array, S: float) -> tuple[Array, Array]:
+        """The same with its derivatives by (q, w, alpha, S), shapes (K, 6) and (K, 6, 3n + 1)."""
+
+    def extra(self, q: Array, w: Array, alpha: Array, S: float) -> tuple[Array, Array]:
+        """Other rows, not positive where they hold, with slopes, (K, R) and (K, R, 3n + 1)."""
 
 
 def wrench_curvature(model: StageModel, q: Array, w: Array, alpha: Array, S: float, weights: Array) -> Array:

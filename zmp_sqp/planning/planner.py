@@ -15,6 +15,8 @@ from zmp_sqp.mechanics.ground import GRAVITY
 from zmp_sqp.planning.answer import Plan, Status
 from zmp_sqp.planning.certificate import Certificate, certify
 from zmp_sqp.planning.double_integrator import grid_minimum_time
+from zmp_sqp.planning.driving import DrivingTranscription
+from zmp_sqp.planning.driving_model import DrivingModel
 from zmp_sqp.planning.guess import initial_guess, kinematic_lower_bound
 from zmp_sqp.planning.hold import CONSTANT, LINEAR, slope_ties
 from zmp_sqp.planning.model import ArmModel
@@ -22,6 +24,7 @@ from zmp_sqp.planning.problem import Problem
 from zmp_sqp.planning.simplified import LumpedMass
 from zmp_sqp.planning.trajectory import Trajectory
 from zmp_sqp.planning.transcription import Boundary, PathBounds, Transcription
+from zmp_sqp.planning.unicycle_motion import UnicycleMotion
 from zmp_sqp.sqp.backends import make_backend
 from zmp_sqp.sqp.result import IterationRecord, SQPResult, SQPStatus
 from zmp_sqp.sqp.solver import SQP, SQPSettings
@@ -37,6 +40,7 @@ UNBOUNDED = 1e4  # [rad or m] stands for a position limit that is infinite
 MAX_TIGHTENINGS = 6
 REFINEMENTS = 15  # iterations with linear accelerations; what is not feasible by then is dropped
 FEW_CONTROLS = 120  # up to so many, each interval's slope is free; beyond, it follows from its neighbours
+Program = Transcription | DrivingTranscription
 OUTCOMES = {
     SQPStatus.OPTIMAL: Status.OPTIMAL,
     SQPStatus.BOUND_REACHED: Status.FASTEST_POSSIBLE,
@@ -88,10 +92,7 @@ def plan(
     finisher = SQP(backend, fallback, SQPSettings(deadline=deadline, max_iterations=REFINEMENTS), progress)
 
     model = _stage_model(problem)
-    start, goal = (
-        Boundary(model.coordinates.coordinates_of(q), model.coordinates.rates_of(v))
-        for q, v in ((problem.start, problem.start_velocity), (problem.goal, problem.goal_velocity))
-    )
+    start, goal = _boundaries(problem)
     bounds = _bounds(problem, model, tightened=0.0)
     lower_bound = kinematic_lower_bound(
         problem.goal - problem.start,
@@ -99,6 +100,8 @@ def plan(
         goal_velocity=problem.goal_velocity,
         limits=problem.machine.limits,
     )
+    if problem.base is not None:
+        lower_bound = max(lower_bound, problem.base.least_duration)
     if lower_bound == 0.0:
         return _already_there(problem, qp_solver, started)
     least = max(lower_bound, _grid_bound(start, goal, bounds, problem.intervals))
@@ -106,11 +109,12 @@ def plan(
     alpha, duration = initial_guess(model, start, goal, bounds, intervals=problem.intervals, least_duration=least)
     history: list[IterationRecord] = []
 
-    def solve(bounds: PathBounds, controls: Array, S: float, ties: Any = None) -> tuple[Transcription, SQPResult]:
+    def solve(bounds: PathBounds, controls: Array, S: float, ties: Any = None) -> tuple[Program, SQPResult]:
         hold = CONSTANT if controls.shape[1] == 1 else LINEAR
-        nlp = Transcription(
+        of_coordinates = Transcription(
             model, start, goal, bounds, intervals=problem.intervals, reference=duration, hold=hold, ties=ties
         )
+        nlp = of_coordinates if problem.base is None else DrivingTranscription(of_coordinates, problem.base)
         result = (sqp if hold is CONSTANT else finisher).minimize(nlp, nlp.pack(controls, S))
         history.extend(result.history)
         return nlp, result
@@ -132,7 +136,7 @@ def plan(
     tightened = 0.0
     for _ in range(MAX_TIGHTENINGS):
         attempt = _trajectory(problem, nlp, result.x)
-        checked = certify(problem.machine, attempt, problem.ground, problem.margin)
+        checked = certify(problem.machine, attempt, problem.ground, problem.margin, base=problem.base)
         status = OUTCOMES.get(result.status, Status.FAILED)
         if checked.safe and not status.success:  # the proof does not ask how the motion was found
             status = Status.SAFE
@@ -160,27 +164,45 @@ def plan(
     )
 
 
-def _stage_model(problem: Problem) -> ArmModel:
-    """What the stages see: all joints, or the simplified model with or without bounds on its distance."""
+def _stage_model(problem: Problem) -> ArmModel | DrivingModel:
+    """What the stages see: all joints, with or without the base, or the simplified model."""
     coordinates, gravity = problem.coordinates, problem.ground.gravity()
+    if problem.base is not None:
+        return DrivingModel(problem.machine, gravity)
     if problem.distance_limits is None:
         return ArmModel(problem.machine, gravity, coordinates)
     lumped = LumpedMass.of(problem.machine, coordinates)
     return ArmModel(problem.machine, gravity, coordinates, (lumped, problem.distance_limits))
 
 
-def _bounds(problem: Problem, model: ArmModel, *, tightened: float) -> PathBounds:
+def _boundaries(problem: Problem) -> tuple[Boundary, Boundary]:
+    """Start and goal in the coordinates; a base adds its way, which begins at zero, and its yaw."""
+    coordinates, base = problem.coordinates, problem.base
+    sides = []
+    for side in ("start", "goal"):
+        q = coordinates.coordinates_of(getattr(problem, side))
+        v = coordinates.rates_of(getattr(problem, f"{side}_velocity"))
+        if base is not None:
+            way = 0.0 if side == "start" else base.travel
+            q, v = np.append(q, [way, getattr(base, side)[2]]), np.append(v, getattr(base, f"{side}_velocity"))
+        sides.append(Boundary(q, v))
+    return sides[0], sides[1]
+
+
+def _bounds(problem: Problem, model: ArmModel | DrivingModel, *, tightened: float) -> PathBounds:
     """The coordinates' limits and the wrench rows, drawn in by the guards."""
     machine, support = problem.machine, problem.machine.support
     if support is None:
         raise ProblemError(f"machine {machine.name!r} has no support polygon")
-    limits = model.coordinates.limits(machine.limits)
-    if model.distance is not None:
+    limits = problem.coordinates.limits(machine.limits)
+    if problem.base is not None:
+        limits = limits.followed_by(problem.base.limits)
+    if isinstance(model, ArmModel) and model.distance is not None:
         limits = model.distance[0].boom_limits(model.distance[1], limits)
     lower = np.maximum(limits.position_lower, -UNBOUNDED) + LIMIT_GUARD
     upper = np.minimum(limits.position_upper, UNBOUNDED) - LIMIT_GUARD
-    both = np.vstack([model.coordinates.coordinates_of(q) for q in (problem.start, problem.goal)])
-    rates = [model.coordinates.rates_of(v) for v in (problem.start_velocity, problem.goal_velocity)]
+    sides = _boundaries(problem)
+    both, rates = np.vstack([side.q for side in sides]), [side.v for side in sides]
     return PathBounds(
         position_lower=np.minimum(lower, both.min(axis=0)),
         position_upper=np.maximum(upper, both.max(axis=0)),
@@ -202,13 +224,20 @@ def _grid_bound(start: Boundary, goal: Boundary, bounds: PathBounds, intervals: 
     )
 
 
-def _trajectory(problem: Problem, nlp: Transcription, x: Array) -> Trajectory:
+def _trajectory(problem: Problem, nlp: Program, x: Array) -> Trajectory:
     """The motion in seconds: it arrives to the last digit, and no limit is missed by rounding."""
-    coordinates, limits = nlp.model.coordinates, problem.machine.limits
+    coordinates, base, limits = problem.coordinates, problem.base, problem.machine.limits
+    if base is not None:
+        limits = limits.followed_by(base.limits)
+    size = coordinates.size
 
     def motion(x: Array) -> tuple[Array, Array, Array, float]:
         y, rates, controls, S = nlp.arrived(x)
-        return coordinates.joints(y), coordinates.rates(rates), coordinates.rates(controls), float(np.sqrt(S))
+        joints = coordinates.joints(y[:, :size]), coordinates.rates(rates[:, :size])
+        pushes = coordinates.rates(controls[:, :, :size])
+        with_base = zip((*joints, pushes), (y, rates, controls), strict=True)
+        q, w, u = (np.concatenate([part, whole[..., size:]], axis=-1) for part, whole in with_base)
+        return q, w, u, float(np.sqrt(S))
 
     q, w, controls, duration = motion(x)
     rates, pushes = np.abs(w) / limits.velocity, np.abs(controls) / limits.acceleration
@@ -219,12 +248,18 @@ def _trajectory(problem: Problem, nlp: Transcription, x: Array) -> Trajectory:
     start, end = (nlp.hold.shapes(s)[0] for s in (0.0, 1.0))
     ends = [np.einsum("c,kcn->kn", shape, controls) / duration**2 for shape in (start, end)]
     jerks = (ends[1] - ends[0]) * (problem.intervals / duration)
-    return Trajectory(problem.machine.joint_names, times, q, w / duration, ends[0], jerks)
+    v, n = w / duration, problem.machine.size
+    drive = None
+    if base is not None:
+        drive = UnicycleMotion.from_start(times, base.start, v[:, n:], q[:, -1], (ends[0][:, n:], jerks[:, n:]))
+    return Trajectory(problem.machine.joint_names, times, q[:, :n], v[:, :n], ends[0][:, :n], jerks[:, :n], drive)
 
 
 def _message(problem: Problem, status: Status, checked: Certificate) -> str:
     if status.success or problem.machine.support is None:
         return str(status)
+    if np.isinf(checked.limit_excess):
+        return f"{status} The last motion looked at ends beside its goal, or leaves the base's x or y bounds."
     if checked.limit_excess > 1e-6:
         return f"{status} The last motion looked at exceeds a joint limit by {checked.limit_excess:.3g}."
     if checked.margin >= problem.margin:
@@ -240,8 +275,12 @@ def _message(problem: Problem, status: Status, checked: Certificate) -> str:
 def _already_there(problem: Problem, qp_solver: str, started: float) -> Plan:
     """Start and goal are the same state, at rest or in motion: a motion of no duration."""
     q, v = (np.vstack([part] * 2) for part in (problem.start, problem.start_velocity))
-    attempt = Trajectory(problem.machine.joint_names, np.zeros(2), q, v, 0.0 * v[:1])
-    checked = certify(problem.machine, attempt, problem.ground, problem.margin)
+    times, base, drive = np.zeros(2), problem.base, None
+    if base is not None:
+        still, rates = np.zeros((1, 2)), np.vstack([base.start_velocity] * 2)
+        drive = UnicycleMotion.from_start(times, base.start, rates, np.full(2, base.start[2]), (still, still))
+    attempt = Trajectory(problem.machine.joint_names, times, q, v, 0.0 * v[:1], base=drive)
+    checked = certify(problem.machine, attempt, problem.ground, problem.margin, base=problem.base)
     return Plan(
         problem=problem, status=Status.FASTEST_POSSIBLE, message=str(Status.FASTEST_POSSIBLE), duration=0.0,
         lower_bound=0.0, certificate=checked, iterations=0, solve_time=time.perf_counter() - started, history=(),

@@ -15,6 +15,7 @@ from zmp_sqp.mechanics.wrench import ground_reaction
 from zmp_sqp.mechanics.zero_moment_point import zmp_of_wrench
 from zmp_sqp.planning.coordinates import Coordinates
 from zmp_sqp.planning.simplified import FORM_TOLERANCE, DistanceLimits, simplified_coordinates
+from zmp_sqp.planning.unicycle import UnicycleBase
 
 __all__ = ["MODELS", "Problem"]
 
@@ -28,7 +29,7 @@ STATIC_TOLERANCE = 1e-9  # [m] likewise for the ZMP at rest
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Problem:
-    """Fastest motion of a standing machine from a start to a goal with its ZMP inside the support polygon.
+    """Fastest motion of a machine from a start to a goal with its ZMP inside the support polygon.
 
     Attributes:
         machine: The machine, with its payload, limits and support polygon.
@@ -41,6 +42,7 @@ class Problem:
         intervals: Number N of equal intervals with constant acceleration.
         model: "full": every joint is planned; "simplified": slew angle and distance of the lumped mass, eq. (20).
         distance_limits: The paper's bounds on that distance in place of the joints' limits; None keeps the joints' own.
+        base: Where the machine drives meanwhile; None stands still at yaw zero.
 
     Raises:
         ProblemError: The problem contradicts itself or the machine's limits, or the machine tips over at rest at the
@@ -57,6 +59,7 @@ class Problem:
     intervals: int = 50
     model: str = "full"
     distance_limits: DistanceLimits | None = None
+    base: UnicycleBase | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.machine, Machine):
@@ -81,6 +84,7 @@ class Problem:
             raise ProblemError(f"unknown model {self.model!r}; there is {', '.join(MODELS)}")
         self._check_limits()
         self._check_support()
+        self._check_base()
         self._check_model()
         for name in ("start", "goal"):
             self._check_boundary(name, getattr(self, name), getattr(self, f"{name}_velocity"))
@@ -106,6 +110,16 @@ class Problem:
         if self.model == "simplified":
             return simplified_coordinates(self.machine, self.start)
         return Coordinates.identity(self.machine.size)
+
+    def _check_base(self) -> None:
+        if self.base is None:
+            return
+        if not isinstance(self.base, UnicycleBase):
+            raise ProblemError(f"base must be a UnicycleBase, not {type(self.base).__name__}")
+        if self.model != "full":
+            raise ProblemError(f'a base that drives needs model="full", not {self.model!r}')
+        if not isinstance(self.ground, Slope):
+            raise ProblemError(f"a base drives on a Slope, not on {type(self.ground).__name__}")
 
     def _check_model(self) -> None:
         if self.distance_limits is not None and self.model != "simplified":
@@ -164,14 +178,15 @@ class Problem:
                     f"{name} velocity {v[i]:.6g} of joint {joint!r} leaves no room to {what} its {side}: "
                     f"{needed:.4g} needed, {room:.4g} there"
                 )
-        if not v.any():
+        if not (v.any() or (self.base is not None and getattr(self.base, f"{name}_velocity").any())):
             self._check_at_rest(name, q)
 
     def _check_at_rest(self, name: str, q: Array) -> None:
         support, margin = self.machine.support, self.margin
         if support is None:
             return
-        still, root = np.zeros((1, len(q))), np.concatenate([-self.ground.gravity(), np.zeros(3)])
+        yaw = 0.0 if self.base is None else float(getattr(self.base, name)[2])
+        still, root = np.zeros((1, len(q))), np.concatenate([-self.ground.gravity(yaw), np.zeros(3)])
         wrench = ground_reaction(self.machine, q[None], still, still, root_acceleration=root)
         point = zmp_of_wrench(wrench, support.height)[0]
         over = support.normals @ point - support.offsets

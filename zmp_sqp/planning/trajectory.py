@@ -13,6 +13,7 @@ import numpy as np
 from zmp_sqp.arrays import Array, Indices, frozen_array
 from zmp_sqp.errors import TrajectoryError
 from zmp_sqp.mechanics.machine import Machine
+from zmp_sqp.planning.unicycle_motion import BASE_COLUMNS, UnicycleMotion
 
 __all__ = ["Trajectory"]
 
@@ -33,6 +34,7 @@ class Trajectory:
         velocities: At the nodes, shape (N+1, n) [rad/s or m/s].
         accelerations: At the starts of the intervals, shape (N, n) [rad/s^2 or m/s^2].
         jerks: On the intervals, shape (N, n) [rad/s^3 or m/s^3]; None for piecewise constant accelerations.
+        base: Motion of the base, callable like this one; None stands still.
 
     Raises:
         TrajectoryError: Shapes differ, entries are not finite, times do not grow from 0, or positions and velocities
@@ -45,6 +47,7 @@ class Trajectory:
     velocities: Array
     accelerations: Array
     jerks: Any = None
+    base: UnicycleMotion | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joint_names", tuple(self.joint_names))
@@ -62,6 +65,8 @@ class Trajectory:
         steps = np.diff(times)
         if times[0] != 0.0 or (steps < 0.0).any() or (times[-1] > 0.0 and (steps <= 0.0).any()):
             raise TrajectoryError("times must start at 0 and grow from node to node")
+        if self.base is not None and not np.array_equal(self.base.times, times):
+            raise TrajectoryError("the base moves at other times than the joints")
         self._check_consistency(steps[:, None])
 
     def _check_consistency(self, h: Array) -> None:
@@ -74,6 +79,11 @@ class Trajectory:
                     f"{self.joint_names[worst[1]]!r} is off by {gap[worst]:.3g} "
                     "(accelerations run linearly from node to node)"
                 )
+
+    def place_in(self, t: Array) -> tuple[Indices, Array]:
+        """Intervals of times, shape (K,), and the times since their starts [s]."""
+        k = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, self.intervals - 1)
+        return k, np.clip(t, 0.0, self.duration) - self.times[k]
 
     def state_in(self, k: Indices, since: Array) -> tuple[Array, Array, Array]:
         """States (q, v, a) in the intervals k at times `since` after their starts, shape (K,) each [s]."""
@@ -114,9 +124,8 @@ class Trajectory:
         slack = 1e-12 * max(1.0, self.duration)
         for outside in when[(when < -slack) | (when > self.duration + slack)]:
             raise TrajectoryError(f"t = {outside:.6g} s is outside the trajectory, which lasts {self.duration:.6g} s")
-        k = np.clip(np.searchsorted(self.times, when, side="right") - 1, 0, self.intervals - 1)
-        since = (np.clip(when, 0.0, self.duration) - self.times[k])[:, None]
-        q, v, a = self._after(k, since)
+        k, since = self.place_in(when)
+        q, v, a = self._after(k, since[:, None])
         return (q[0], v[0], a[0]) if shape == () else (q, v, a)
 
     @property
@@ -141,18 +150,24 @@ class Trajectory:
         """One row per node: time, then position, velocity, acceleration and jerk of every joint; 17 digits, SI units.
 
         Acceleration and jerk are those of the interval that begins there; the last row holds the final acceleration.
+        A base adds its columns.
         """
         header = ["time", *(f"{joint}.{quantity}" for quantity in QUANTITIES for joint in self.joint_names)]
         accelerations = np.vstack([self.accelerations, self.end_accelerations[-1:]])
         jerks = np.vstack([self.jerks, self.jerks[-1:]])
         table = np.column_stack([self.times, self.positions, self.velocities, accelerations, jerks])
+        if self.base is not None:
+            header, table = [*header, *BASE_COLUMNS], np.hstack([table, self.base.table()])
         with Path(path).open("w", newline="", encoding="utf-8") as file:
             writer = csv.writer(file)
             writer.writerow(header)
             writer.writerows([format(entry, ".17g") for entry in row] for row in table)
 
     def to_json(self, path: str | Path) -> None:
-        """The fields of ROS's trajectory_msgs/JointTrajectory, plus nothing: joint_names and points."""
+        """The fields of ROS's trajectory_msgs/JointTrajectory: joint_names and points; a base adds to each point.
+
+        With a base, its point holds `base`: the columns of `to_csv` by name.
+        """
         accelerations = np.vstack([self.accelerations, self.end_accelerations[-1:]])
         points = []
         for time, *rows in zip(self.times, self.positions, self.velocities, accelerations, strict=True):
@@ -161,6 +176,9 @@ class Trajectory:
             point: dict[str, Any] = {name: row.tolist() for name, row in zip(names, rows, strict=True)}
             point["time_from_start"] = {"sec": seconds, "nanosec": nanoseconds}
             points.append(point)
+        if self.base is not None:
+            for point, entries in zip(points, self.base.table().tolist(), strict=True):
+                point["base"] = dict(zip((name.removeprefix("base.") for name in BASE_COLUMNS), entries, strict=True))
         text = json.dumps({"joint_names": list(self.joint_names), "points": points}, indent=1)
         Path(path).write_text(text + "\n", encoding="utf-8")
 
@@ -182,6 +200,9 @@ class Trajectory:
         header = [name.strip() for name in rows[0]] if rows else []
         if not any(column.endswith(f".{QUANTITIES[3]}") for column in header):
             wanted = wanted[: 1 + 3 * len(names)]
+        joint_columns = len(wanted)
+        if BASE_COLUMNS[0] in header:
+            wanted += [name for name in BASE_COLUMNS if name in header or not name.endswith("jerk")]
         for column in wanted:
             if header.count(column) != 1:
                 raise TrajectoryError(
@@ -198,5 +219,13 @@ class Trajectory:
                 raise TrajectoryError(f"{path}: row {number + 2} is not {len(header)} numbers: {cause}") from None
         table = table[:, [header.index(column) for column in wanted]]
         n = len(names)
-        position, velocity, acceleration, jerk = (table[:, 1 + i * n : 1 + (i + 1) * n] for i in range(4))
-        return cls(names, table[:, 0], position, velocity, acceleration[:-1], jerk[:-1] if jerk.size else None)
+        motion = table[:, :joint_columns]
+        position, velocity, acceleration, jerk = (motion[:, 1 + i * n : 1 + (i + 1) * n] for i in range(4))
+        base = None
+        if table.shape[1] > joint_columns:
+            columns = wanted[joint_columns:]
+            absent = np.zeros(len(table))
+            given = dict(zip(columns, table[:, joint_columns:].T, strict=True))
+            parts = [given.get(name, absent) for name in BASE_COLUMNS]
+            base = UnicycleMotion.from_table(table[:, 0], np.column_stack(parts))
+        return cls(names, table[:, 0], position, velocity, acceleration[:-1], jerk[:-1] if jerk.size else None, base)

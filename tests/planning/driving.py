@@ -1,0 +1,79 @@
+"""Problems with a base that drives, and a ZMP from the bodies' poses alone."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+import zmp_sqp as zs
+from tests.problems import GRAVITY, PAPER_GOAL, PAPER_START, Scene, paper_scene
+
+Array = np.ndarray
+LIMITS = {"max_speed": 10.0, "max_acceleration": 2.0, "max_yaw_rate": 0.5, "max_yaw_acceleration": 1.0}
+CHORD = 6.0  # [m] the retreat backs off so far, on an arc of 1 rad
+
+
+def base(start: Any = (0.0, 0.0, 0.0), goal: Any = (0.0, 0.0, 0.0), **options: Any) -> zs.UnicycleBase:
+    return zs.UnicycleBase(start=start, goal=goal, **(LIMITS | options))
+
+
+@cache
+def paper_2_joint() -> tuple[Scene, zs.Plan]:
+    """Test 2 of Song & Sharf 2020 with base and arm planned together; it backs up 2 m."""
+    scene = replace(paper_scene(), roll=np.deg2rad(-15.0), pitch=np.deg2rad(15.0))
+    return scene, zs.plan(scene.problem(PAPER_START, PAPER_GOAL, base=base(goal=(-2.0, 0.0, 0.0))))
+
+
+def retreat_problem(scene: Scene) -> zs.Problem:
+    """Back off by 6 m on an arc with a turn of 1 rad while the arm swings by 180 degrees."""
+    goal = (-CHORD * np.cos(0.5), -CHORD * np.sin(0.5), 1.0)
+    return scene.problem(PAPER_START, PAPER_GOAL, base=base(goal=goal))
+
+
+@cache
+def retreat() -> tuple[Scene, zs.Plan]:
+    """On a side slope of 20 degrees; rigid bodies."""
+    scene = paper_scene(point_masses=False)
+    return scene, zs.plan(retreat_problem(scene))
+
+
+def zmp_from_poses(scene: Scene, trajectory: zs.Trajectory, times: Array, *, step: float = 1e-3) -> Array:
+    """ZMP in the root frame from differences of the bodies' poses in the world, by the laws of Newton and Euler."""
+    machine = scene.load()
+    model, data = machine.model, machine.model.createData()
+    tilt = pin.utils.rotate("y", scene.pitch) @ pin.utils.rotate("x", scene.roll)
+    bodies = range(1, model.njoints)
+
+    shares = (-1.0, -0.5, 0.0, 0.5, 1.0)
+    bases = [trajectory.base(times + share * step)[0] for share in shares]
+    arms = [machine.configuration(trajectory(times + share * step)[0]) for share in shares]
+
+    def poses(base: Array, q: Array) -> tuple[Any, list[pin.SE3]]:
+        x, y, yaw = base
+        root = pin.SE3(tilt @ pin.utils.rotate("z", yaw), tilt @ np.array([x, y, 0.0]))
+        q[:7] = pin.SE3ToXYZQUAT(root)
+        pin.forwardKinematics(model, data, q)
+        return root, [data.oMi[i].copy() for i in bodies]
+
+    points = []
+    for k in range(len(times)):
+        (_, a), (_, ab), (root, b), (_, bc), (_, c) = (poses(p[k], q[k]) for p, q in zip(bases, arms, strict=True))
+        force, moment = np.zeros(3), np.zeros(3)
+        for i, before, early, now, late, after in zip(bodies, a, ab, b, bc, c, strict=True):
+            inertia = model.inertias[i]
+            centres = [pose.act(inertia.lever) for pose in (before, now, after)]
+            pull = (centres[2] - 2.0 * centres[1] + centres[0]) / step**2 + np.array([0.0, 0.0, GRAVITY])
+            force += inertia.mass * pull
+            moment += inertia.mass * np.cross(centres[1] - root.translation, pull)
+            momenta = [
+                middle.rotation @ inertia.inertia @ middle.rotation.T @ pin.log3(end.rotation @ first.rotation.T) / step
+                for first, middle, end in ((before, early, now), (now, late, after))
+            ]
+            moment += (momenta[1] - momenta[0]) / step
+        f, tau = root.rotation.T @ force, root.rotation.T @ moment
+        points.append([-tau[1] / f[2], tau[0] / f[2]])
+    return np.array(points)

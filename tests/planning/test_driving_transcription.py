@@ -1,0 +1,162 @@
+"""Derivatives and null-space basis of the program of a machine that drives, against central differences."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.checks import central_differences
+from tests.planning.driving import base
+from tests.problems import FOOTPRINT, GRAVITY, Scene, Tree
+from zmp_sqp.planning.driving import DrivingTranscription
+from zmp_sqp.planning.driving_model import DrivingModel
+from zmp_sqp.planning.hold import CONSTANT, LINEAR, Hold, slope_ties
+from zmp_sqp.planning.model import wrench_curvature
+from zmp_sqp.planning.transcription import Boundary, PathBounds, Transcription
+
+DERIVATIVE = 2e-7  # central differences with a step of 1e-6 on rows of order one
+CURVATURE = 1e-5  # differences of differences
+ROUNDING = 1e-12
+N = 4
+REFERENCE = 2.3  # [s]
+SCENE = Scene("feller_buncher", FOOTPRINT, Tree(3000.0), roll=-0.2, pitch=0.15)
+
+
+def make(*, moving: bool, hold: Hold, tied: bool = False) -> DrivingTranscription:
+    machine, rng = SCENE.load(), np.random.default_rng(7)
+    v0, v1 = rng.uniform(-0.4, 0.4, (2, 7)) * moving
+    given = base((0.5, -0.2, 0.3), (-2.0, 1.0, -0.5), start_velocity=v0[5:], goal_velocity=v1[5:], y_bounds=(-1.0, 1.5))
+    start = np.array([0.1, -0.5, -2.0, 0.5, -1.5, 0.0, 0.3])
+    goal = np.array([1.4, -0.2, -1.2, 1.0, 0.3, given.travel, -0.5])
+    support = machine.support
+    assert support is not None
+    bounds = PathBounds(
+        position_lower=np.full(7, -9.0), position_upper=np.full(7, 9.1), velocity=np.full(7, 0.8),
+        acceleration=np.linspace(1.0, 1.6, 7), wrench_rows=support.wrench_rows(0.05), weight=machine.mass * GRAVITY,
+        least_duration=1.0,
+    )  # fmt: skip
+    ties = slope_ties(rng.normal(0.0, 1.0, (N, 7))) if tied else None
+    ends = Boundary(start, v0), Boundary(goal, v1)
+    model = DrivingModel(machine, SCENE.ground.gravity())
+    return DrivingTranscription(
+        Transcription(model, *ends, bounds, intervals=N, reference=REFERENCE, hold=hold, ties=ties), given
+    )
+
+
+@pytest.fixture(
+    params=[(v, h) for v in (False, True) for h in (CONSTANT, LINEAR)],
+    ids=lambda p: f"{'moving' if p[0] else 'rest'}-{'constant' if p[1] is CONSTANT else 'linear'}",
+)
+def nlp(request: pytest.FixtureRequest) -> DrivingTranscription:
+    return make(moving=request.param[0], hold=request.param[1])
+
+
+def closed(nlp: DrivingTranscription, seed: int = 0) -> np.ndarray:
+    """Any accelerations, gaps closed; it need not arrive."""
+    controls = np.random.default_rng(seed).normal(0.0, 3.0, (N, nlp.hold.controls, nlp.n))
+    return nlp.pack(controls, 1.3 * REFERENCE**2)
+
+
+def anywhere(nlp: DrivingTranscription, seed: int = 0) -> np.ndarray:
+    x = closed(nlp, seed)
+    x[:-1] += np.random.default_rng(seed + 1).normal(0.0, 0.1, len(x) - 1)
+    return x
+
+
+def test_a_packed_point_has_no_gaps(nlp: DrivingTranscription) -> None:
+    np.testing.assert_allclose(nlp.evaluate(closed(nlp)).equalities[: nlp.eliminated], 0.0, atol=ROUNDING)
+
+
+def test_equality_jacobian(nlp: DrivingTranscription) -> None:
+    x = anywhere(nlp)
+    expected = central_differences(lambda at: nlp.evaluate(at).equalities, x)
+    np.testing.assert_allclose(nlp.linearize(x).A.toarray(), expected, atol=DERIVATIVE)
+
+
+def test_inequality_jacobian_along_the_manifold_of_closed_gaps(nlp: DrivingTranscription) -> None:
+    x = closed(nlp)
+    lin = nlp.linearize(x)
+    Z = lin.basis.Z
+    expected = central_differences(lambda y: nlp.evaluate(x + Z @ y).inequalities, np.zeros(Z.shape[1]))
+    np.testing.assert_allclose(lin.C @ Z, expected, atol=DERIVATIVE * max(1.0, float(np.abs(Z).max())))
+
+
+def test_linearize_and_evaluate_agree(nlp: DrivingTranscription) -> None:
+    x = anywhere(nlp)
+    one, other = nlp.evaluate(x), nlp.linearize(x).at
+    np.testing.assert_allclose(one.inequalities, other.inequalities, atol=ROUNDING)
+    np.testing.assert_array_equal(one.equalities, other.equalities)
+    assert len(nlp.nonlinear_rows) == len(one.inequalities)
+
+
+@pytest.mark.parametrize("tied", [False, True])
+def test_basis_spans_the_null_space_of_the_gaps_and_closes_them(nlp: DrivingTranscription, tied: bool) -> None:
+    if tied:
+        nlp = make(moving=True, hold=LINEAR, tied=True)
+    lin = nlp.linearize(anywhere(nlp))
+    basis = lin.basis
+    gaps = lin.A[: basis.eliminated]
+    assert np.linalg.matrix_rank(basis.Z) == basis.Z.shape[1]
+    np.testing.assert_allclose(gaps @ basis.Z, 0.0, atol=ROUNDING)
+    np.testing.assert_allclose(gaps @ basis.d, -lin.at.equalities[: basis.eliminated], atol=ROUNDING)
+    if not tied:
+        assert basis.Z.shape[1] == basis.Z.shape[0] - basis.eliminated == len(basis.free)
+        np.testing.assert_array_equal(basis.Z[basis.free], np.eye(basis.Z.shape[1]))
+        np.testing.assert_array_equal(basis.d[basis.free], 0.0)
+
+
+def test_arriving_meets_the_goal_to_rounding(nlp: DrivingTranscription) -> None:
+    x = closed(nlp)
+    q, w, controls, S = nlp.arrived(x)
+    goal, T = nlp.inner.goal, np.sqrt(S)
+    kept = np.arange(nlp.n) != nlp.n - 2
+    np.testing.assert_allclose(q[-1, kept], goal.q[kept], atol=1e-9)
+    np.testing.assert_allclose(w[-1], goal.v * T, atol=1e-9)
+    equalities = nlp.evaluate(nlp.pack(controls, S)).equalities
+    np.testing.assert_allclose(equalities, 0.0, atol=1e-9)
+
+
+def test_hessian_of_the_lagrangian_but_for_the_positions_gaps(nlp: DrivingTranscription) -> None:
+    x, rng = closed(nlp, 3), np.random.default_rng(2)
+    lin = nlp.linearize(x)
+    z = rng.uniform(0.0, 1.0, len(lin.at.inequalities))
+    third = nlp.inner.layout.wrench_rows // 3
+    z[2 * third : 3 * third] = 0.0  # middle control points: an approximation, by design
+    y = rng.normal(0.0, 1.0, len(lin.at.equalities))
+    y[: lin.basis.eliminated] = 0.0
+
+    def gradient(at: np.ndarray) -> Any:
+        here = nlp.linearize(at)
+        return here.gradient + here.tie_gradient + here.A.T @ y + here.C.T @ z
+
+    H = nlp.hessian(x, y[lin.basis.eliminated :], z, convex=False).toarray()
+    expected = central_differences(gradient, x)
+    np.testing.assert_allclose(H, expected, atol=CURVATURE * max(1.0, float(np.abs(expected).max())))
+
+
+def test_wrench_slopes_and_curvature() -> None:
+    model, rng, S = make(moving=False, hold=CONSTANT).model, np.random.default_rng(8), 4.0
+    point, weights = rng.uniform(-1.0, 1.0, 22), rng.uniform(-1e-5, 1e-5, (1, 6))
+    point[-1] = S
+
+    def wrench(p: np.ndarray) -> Any:
+        return 1e-5 * model.wrench(p[None, :7], p[None, 7:14], p[None, 14:21], p[21])[0]
+
+    def slopes(p: np.ndarray) -> Any:
+        return weights[0] @ model.wrench_derivatives(p[None, :7], p[None, 7:14], p[None, 14:21], p[21])[1][0]
+
+    at = point[None, :7], point[None, 7:14], point[None, 14:21], S
+    found = 1e-5 * model.wrench_derivatives(*at)[1][0]
+    np.testing.assert_allclose(found, central_differences(wrench, point), atol=DERIVATIVE)
+    H = wrench_curvature(model, *at, weights)[0]
+    np.testing.assert_allclose(H, central_differences(slopes, point), atol=2.0 * CURVATURE)
+
+
+def test_heading_and_travel_of_the_guess() -> None:
+    ahead, behind = base(goal=(2.0, 0.5, 0.4)), base(goal=(-2.0, 0.5, 0.4))
+    assert ahead.travel > 0.0 > behind.travel
+    assert abs(behind.travel) == behind.distance
+    assert replace(ahead, goal=(0.0, 1.0, 0.0)).travel == 1.0  # sideways: forwards

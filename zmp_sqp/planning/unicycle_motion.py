@@ -1,0 +1,174 @@
+"""Where the base is at all times: speed and yaw rate are polynomials, the position is their quadrature."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from zmp_sqp.arrays import Array, Indices, frozen_array
+from zmp_sqp.errors import TrajectoryError
+from zmp_sqp.planning.unicycle import UnicycleBase
+
+__all__ = ["ARRIVAL", "BASE_COLUMNS", "UnicycleMotion", "base_excess"]
+
+BASE_COLUMNS = (
+    "base.x", "base.y", "base.yaw", "base.speed", "base.yaw_rate", "base.acceleration", "base.yaw_acceleration",
+    "base.jerk", "base.yaw_jerk",
+)  # fmt: skip
+CONSISTENCY = 1e-6  # [m, rad, per second] how far a file's nodes may be from what its accelerations give
+ARRIVAL = 1e-3  # [m or rad] farthest from the goal that counts as there
+CORRIDOR = 1e-6  # [m] farthest outside x and y bounds at a node
+NODES, WEIGHTS = (part / 2.0 for part in np.polynomial.legendre.leggauss(20))  # exact far beyond rounding for a turn
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UnicycleMotion:
+    r"""Unicycle over nodes t_0 = 0 < ... < t_N, its accelerations linear within the intervals.
+
+    .. math:: p(t) = p_k + \int_{t_k}^{t} s\, (\cos\psi, \sin\psi)\, dt
+
+    by Gauss-Legendre quadrature from the node before; speed s and yaw psi are exact polynomials.
+
+    Attributes:
+        times: Nodes, shape (N+1,) [s].
+        poses: x, y, yaw at the nodes, in the ground's plane, shape (N+1, 3) [m, m, rad].
+        velocities: Speed along the heading and yaw rate at the nodes, shape (N+1, 2) [m/s, rad/s].
+        accelerations: At the starts of the intervals, shape (N, 2) [m/s^2, rad/s^2].
+        jerks: On the intervals, shape (N, 2) [m/s^3, rad/s^3].
+
+    Raises:
+        TrajectoryError: Shapes differ, entries are not finite, or poses and velocities do not follow from the
+            accelerations.
+    """
+
+    times: Array
+    poses: Array
+    velocities: Array
+    accelerations: Array
+    jerks: Array
+
+    def __post_init__(self) -> None:
+        count = len(self.times)
+        if count < 2:
+            raise TrajectoryError(f"a base motion needs at least 2 nodes, not {count}")
+        shapes = {
+            "poses": (count, 3),
+            "velocities": (count, 2),
+            "accelerations": (count - 1, 2),
+            "jerks": (count - 1, 2),
+        }
+        times = frozen_array(self.times, name="base times", shape=(count,), error=TrajectoryError)
+        object.__setattr__(self, "times", times)
+        for name, shape in shapes.items():
+            array = frozen_array(getattr(self, name), name=f"base {name}", shape=shape, error=TrajectoryError)
+            object.__setattr__(self, name, array)
+        pose, velocity, _ = self.state_in(np.arange(count - 1), np.diff(times))
+        gap = np.hstack([self.poses[1:] - pose, self.velocities[1:] - velocity])
+        worst = np.unravel_index(np.argmax(np.abs(gap)), gap.shape)
+        if abs(gap[worst]) > CONSISTENCY:
+            name = BASE_COLUMNS[int(worst[1])]
+            raise TrajectoryError(
+                f"{name} does not follow from the accelerations: node {int(worst[0]) + 1} is off by {gap[worst]:.3g}"
+            )
+
+    @classmethod
+    def from_start(
+        cls, times: Array, start: Array, velocities: Array, yaw: Array, pushes: tuple[Array, Array]
+    ) -> UnicycleMotion:
+        """Motion from a pose (3,) on, from speeds (N+1, 2), yaws (N+1,), and accelerations with jerks (N, 2) each."""
+        count = len(times)
+        poses = np.column_stack([np.zeros((count, 2)), yaw])
+        moves = _moves(poses[:-1], velocities[:-1], *pushes, np.diff(times)[:, None])
+        poses[:, :2] = start[:2] + np.vstack([np.zeros(2), np.cumsum(moves, axis=0)])
+        return cls(times, poses, velocities, *pushes)
+
+    def state_in(self, k: Indices, since: Array) -> tuple[Array, Array, Array]:
+        """Pose (K, 3), velocity (K, 2), acceleration (K, 2) in intervals k at times `since` after their starts [s]."""
+        since = since[:, None]
+        pose, velocity, a, j = self.poses[k], self.velocities[k], self.accelerations[k], self.jerks[k]
+        yaw = _yaw(pose, velocity, a, j, since)
+        place = pose[:, :2] + _moves(pose, velocity, a, j, since)
+        return np.hstack([place, yaw]), *self._rates_in(k, since)
+
+    def __call__(self, t: Any) -> tuple[Array, Array, Array]:
+        """Pose (x, y, yaw), velocity (speed, yaw rate), acceleration at any time, by quadrature from the node before.
+
+        Args:
+            t: Scalar or shape (K,) [s], within [0, duration].
+
+        Returns:
+            Shapes (3,), (2,), (2,) for a scalar; (K, 3), (K, 2), (K, 2) for an array.
+
+        Raises:
+            TrajectoryError: A time outside the motion or not finite.
+        """
+        when = frozen_array(np.atleast_1d(t), name="t", shape=(None,), error=TrajectoryError)
+        last = float(self.times[-1])
+        slack = 1e-12 * max(1.0, last)
+        for outside in when[(when < -slack) | (when > last + slack)]:
+            raise TrajectoryError(f"t = {outside:.6g} s is outside the motion, which lasts {last:.6g} s")
+        k = np.clip(np.searchsorted(self.times, when, side="right") - 1, 0, len(self.accelerations) - 1)
+        pose, velocity, acceleration = self.state_in(k, np.clip(when, 0.0, last) - self.times[k])
+        return (pose[0], velocity[0], acceleration[0]) if np.shape(t) == () else (pose, velocity, acceleration)
+
+    def peaks(self, k: Indices, since: Array, length: Array) -> Array:
+        """Largest |speed|, |acceleration|, |jerk|, then of the yaw rate, over stretches of intervals, shape (2, 3, K).
+
+        Rates are parabolas: between two times they exceed their ends by at most an eighth of jerk times length squared.
+        """
+        ends = [self._rates_in(k, at[:, None]) for at in (since, since + length)]
+        velocity, push = (np.maximum(np.abs(one), np.abs(other)) for one, other in zip(*ends, strict=True))
+        jerk = np.abs(self.jerks[k])
+        return np.stack([velocity + 0.125 * length[:, None] ** 2 * jerk, push, jerk]).transpose(2, 0, 1)
+
+    def _rates_in(self, k: Indices, since: Array) -> tuple[Array, Array]:
+        a, j = self.accelerations[k], self.jerks[k]
+        return self.velocities[k] + since * a + 0.5 * since**2 * j, a + since * j
+
+    def table(self) -> Array:
+        """One row per node in the order of `BASE_COLUMNS`; the last row holds the final acceleration."""
+        h = np.diff(self.times)[:, None]
+        final = (self.accelerations + h * self.jerks)[-1:]
+        pushes = np.vstack([self.accelerations, final]), np.vstack([self.jerks, self.jerks[-1:]])
+        return np.column_stack([self.poses, self.velocities, *pushes])
+
+    @classmethod
+    def from_table(cls, times: Array, table: Array) -> UnicycleMotion:
+        """The inverse of `table`."""
+        return cls(times, table[:, :3], table[:, 3:5], table[:-1, 5:7], table[:-1, 7:9])
+
+
+def base_excess(base: UnicycleBase, motion: UnicycleMotion) -> float:
+    """Largest excess over speed and acceleration limits at any time, in closed form; infinite if it does not arrive.
+
+    Arriving means start and goal pose within 1 mm and 1 mrad, and x, y bounds kept at the nodes.
+    """
+    v, a, j, h = motion.velocities, motion.accelerations, motion.jerks, np.diff(motion.times)[:, None]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        turn = -a / j
+    turn = np.where((turn > 0.0) & (turn < h), turn, 0.0)
+    limits, lower, upper = base.limits, *base.corridor
+    rates = np.vstack([v, v[:-1] + turn * a + 0.5 * turn**2 * j])
+    pushes = np.vstack([a, a + h * j])
+    off = np.abs(motion.poses[[0, -1]] - np.vstack([base.start, base.goal]))
+    places = motion.poses[:, :2]
+    outside = max(float((places - upper).max()), float((lower - places).max()))
+    if off.max() > ARRIVAL or outside > CORRIDOR:
+        return np.inf
+    return float(max((np.abs(rates) - limits.velocity).max(), (np.abs(pushes) - limits.acceleration).max()))
+
+
+def _yaw(pose: Array, velocity: Array, a: Array, j: Array, since: Array) -> Array:
+    """Yaw at times (K, s) after the starts of K intervals."""
+    return np.asarray(pose[:, 2:] + since * velocity[:, 1:] + 0.5 * since**2 * a[:, 1:] + since**3 * j[:, 1:] / 6.0)
+
+
+def _moves(pose: Array, velocity: Array, a: Array, j: Array, since: Array) -> Array:
+    """Displacement over the times `since` (K, 1) from the starts of K intervals, shape (K, 2)."""
+    t = since * (0.5 + NODES)  # (K, 20)
+    yaw = _yaw(pose, velocity, a, j, t)
+    speed = velocity[:, :1] + t * a[:, :1] + 0.5 * t**2 * j[:, :1]
+    weights = since * WEIGHTS * speed
+    return np.column_stack([(weights * np.cos(yaw)).sum(axis=1), (weights * np.sin(yaw)).sum(axis=1)])
