@@ -33,7 +33,7 @@ RESULT_KEYS = """\
   iterations, solve_time    of the SQP; [s]
   qp_solver                 the QP solver that was asked for
   phase_plane               duration and margin of the motion that knows no ZMP;
-                            null if the start or the goal is in motion
+                            null if the start or the goal is in motion, or the base drives
   joints                    by name: peak_rate, rate_limit, peak_acceleration, acceleration_limit
   versions                  of Python, of this package and of what it stands on
 """

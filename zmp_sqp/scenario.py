@@ -16,7 +16,7 @@ import numpy as np
 from zmp_sqp.arrays import Array
 from zmp_sqp.errors import ScenarioError, ZmpSqpError
 from zmp_sqp.mechanics import Machine, Payload, Slope, SupportPolygon, load_machine, shipped_machines
-from zmp_sqp.planning import Problem
+from zmp_sqp.planning import Problem, UnicycleBase
 
 __all__ = ["Scenario", "load_scenario", "shipped_scenarios", "sliding_joints"]
 
@@ -111,7 +111,11 @@ def _read_problem(content: Mapping[str, Any], folder: Path) -> Problem:
         ground = Slope(**angles)
     motion: dict[str, Any] = {key: _read_joints(content["motion"], key, machine) for key in MOTIONS}
     settings = {key: value for key, value in content.get("plan", {}).items() if key != "qp_solver"}
-    return Problem(machine, ground=ground, **motion, **settings)  # its complaints name the quantity themselves
+    with _blame("base"):
+        base = UnicycleBase(**content["base"]) if "base" in content else None
+    return Problem(
+        machine, ground=ground, base=base, **motion, **settings
+    )  # its complaints name the quantity themselves
 
 
 def _read_machine(table: Mapping[str, Any], folder: Path) -> Machine:
@@ -227,9 +231,18 @@ MOTION = _Schema(
     one_of=(("start", "start_deg"), ("goal", "goal_deg")),
     at_most_one_of=(("start_velocity", "start_velocity_deg"), ("goal_velocity", "goal_velocity_deg")),
 )
+POSE = _Value("3 finite numbers [x, y, yaw], in metres and radians", POINT.accepts)
+PAIR = _Value("2 finite numbers", lambda value: _is_list(value, _is_number, 2))
+BASE_LIMITS = ("max_speed", "max_acceleration", "max_yaw_rate", "max_yaw_acceleration")
+BASE = _Schema(
+    {"start": POSE, "goal": POSE}
+    | dict.fromkeys(BASE_LIMITS, NUMBER)
+    | dict.fromkeys(("start_velocity", "goal_velocity", "x_bounds", "y_bounds"), PAIR),
+    required=("start", "goal", *BASE_LIMITS),
+)
 PLAN = _Schema({"model": TEXT, "intervals": INTEGER, "margin": NUMBER, "qp_solver": TEXT})
 SCHEMA = _Schema(
-    {"title": TEXT, "machine": MACHINE, "ground": GROUND, "motion": MOTION, "plan": PLAN},
+    {"title": TEXT, "machine": MACHINE, "ground": GROUND, "motion": MOTION, "base": BASE, "plan": PLAN},
     required=("machine", "motion"),
 )
 

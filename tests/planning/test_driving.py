@@ -18,6 +18,7 @@ from tests.problems import PAPER_GOAL, PAPER_START, paper_scene
 from zmp_sqp.mechanics.motion_bounds import wrench_curvature_bound
 from zmp_sqp.mechanics.wrench import ground_reaction
 from zmp_sqp.planning.root_motion import root_motion
+from zmp_sqp.scenario import SHIPPED, load_scenario
 
 EXACT = 1e-6  # [s] of a duration that must not change
 ARRIVED = 1e-3  # [m] the issue's
@@ -248,3 +249,27 @@ def test_a_path_on_another_base_is_refused() -> None:
     standing = zs.phase_plane(plan.problem.machine, PAPER_START, PAPER_GOAL)
     with pytest.raises(zs.ProblemError, match="no base motion"):
         zs.certify(plan.problem.machine, standing, plan.problem.ground, base=plan.problem.base)
+
+
+@pytest.mark.parametrize(("name", "planned"), [("paper_2_joint", paper_2_joint), ("retreat", retreat)])
+def test_the_shipped_scenarios_are_these_problems(name: str, planned: Any) -> None:
+    asked, problem = planned()[1].problem, load_scenario(name).problem
+    for side in ("start", "goal"):
+        np.testing.assert_allclose(getattr(problem.base, side), getattr(asked.base, side), atol=EXACT)
+        np.testing.assert_allclose(getattr(problem, side), getattr(asked, side), atol=EXACT)
+    assert problem.ground.gravity() == pytest.approx(asked.ground.gravity())
+    plan = zs.plan(problem)
+    check(plan)
+    assert plan.duration == pytest.approx(4.5, rel=1e-3)
+
+
+def test_a_wrong_base_in_a_scenario_is_refused_by_name(tmp_path: Path) -> None:
+    text = (SHIPPED / "retreat.toml").read_text()
+    for old, new, message in (
+        ("max_speed = 10.0", "max_sped = 10.0", "max_sped: unknown key .did you mean max_speed"),
+        ("max_speed = 10.0", "max_speed = -1.0", "base max_speed must be positive"),
+        ("start = [0.0, 0.0, 0.0]", "start = [0.0, 0.0]", "start: must be 3 finite numbers"),
+    ):
+        (tmp_path / "wrong.toml").write_text(text.replace(old, new))
+        with pytest.raises(zs.ScenarioError, match=message):
+            load_scenario(tmp_path / "wrong.toml")
