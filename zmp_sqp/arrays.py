@@ -40,7 +40,7 @@ def frozen_array(
     """
     try:
         kind = np.asarray(values).dtype.kind
-        if kind not in "iufO":  # NumPy would read booleans, texts and dates as numbers
+        if kind not in "iufO" or np.ma.is_masked(values):  # NumPy would read booleans, texts, dates, what lies masked
             raise error(f"{name} must be numbers of shape {_spell(shape)}, not {shortened(values)}")
         array = np.array(values, dtype=np.float64, order="C")
     except (TypeError, ValueError, OverflowError) as cause:
