@@ -454,7 +454,7 @@ def test_joint_limits_files(tmp_path: Path, content: str) -> None:
 @pytest.mark.parametrize(
     "value",
     [None, "here", np.zeros(4), np.zeros((2, 4)), np.zeros((2, 2, 5)), 0.0, [], [np.nan] * 5, [1j] * 5, object()],
-    ids=str,
+    ids=lambda value: type(value).__name__,  # addresses would differ between workers
 )  # fmt: skip
 def test_states_of_the_zmp(call: Callable[..., Any], which: int, value: Any) -> None:
     states: list[Any] = [POSE, 0.0 * POSE, 0.0 * POSE]
