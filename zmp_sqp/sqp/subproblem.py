@@ -78,9 +78,10 @@ class Subproblem:
               c_I + C\,dx \le 0 \; [+ t \text{ on nonlinear rows}], \; [t \ge 0]
 
     Condensed and screened: dx = d + Z dy with the linearisation's basis, and only rows near their bounds take part;
-    rows that the solution violates join until there are none, so that the answer is that of the full QP. A condensed QP
-    that the first backend does not finish, or whose working set outgrows it, goes to the fallback: whole and sparse,
-    all rows at once, where the Hessian allows that; condensed otherwise.
+    rows that the solution violates join until there are none, but for nonlinear rows that it misses by little against
+    the violation now; so that near a solution the answer is that of the full QP. A condensed QP that the first backend
+    does not finish, or whose working set outgrows it, goes to the fallback: whole and sparse, all rows at once, where
+    the Hessian allows that; condensed otherwise.
     """
 
     def __init__(self, lin: Linearization, nonlinear: Mask, backend: QPBackend, fallback: QPBackend | None) -> None:
