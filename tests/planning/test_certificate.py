@@ -463,3 +463,10 @@ def test_limits_that_nobody_has_given_are_not_exceeded_and_the_others_are() -> N
     assert found.limit_excess == pytest.approx(0.1)  # of the sliding joint's rate
     assert not found.limits_ok
     assert not found.safe
+
+
+def test_a_rate_a_thousand_times_a_tiny_limit_is_not_rounding() -> None:
+    machine = machine_of("slider").with_limits(velocity=1e-12)
+    trajectory = integrated(machine, [0.0, 1.0], [0.0], [1e-9], [[0.0]])
+    assert not zs.certify(machine, trajectory, LEVEL).limits_ok
+    assert zs.certify(machine_of("slider").with_limits(velocity=1e-9), trajectory, LEVEL).limits_ok

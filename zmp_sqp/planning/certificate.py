@@ -32,7 +32,9 @@ ROUNDING = 1e-9  # [m] taken off for floating point, on top of what is proven of
 OPERATIONS = 100.0  # roundings that add up in a wrench: at most ten per joint and factor, and to spare
 DRIFT = 1e-6  # [rad/s or m/s, rad or m] that the nodes may add up to beside what the accelerations give
 EPSILON = float(np.finfo(float).eps)
-LIMIT_TOLERANCE = 1e-9  # largest excess over a joint limit of a motion that keeps them
+LIMIT_TOLERANCE = (
+    1e-9  # largest excess over a joint limit of a motion that keeps them, relative if the limit is below 1
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -97,6 +99,7 @@ def certify(
     required = finite_number(margin, name="margin", error=ProblemError)
     gravity = frozen_array(ground.gravity(), name="gravity", shape=(3,), error=ProblemError)
     excess = limit_excess(machine, trajectory)
+    kept = limit_excess(machine, trajectory, relative_below=1.0) <= LIMIT_TOLERANCE
     if trajectory.base is not None and not isinstance(ground, Slope):
         raise ProblemError(f"a moving base is certified on a Slope, not on {type(ground).__name__}")
     if base is not None:
@@ -127,7 +130,7 @@ def certify(
             share = np.repeat(share[loose], SPLIT) + length * np.tile(np.arange(SPLIT), int(loose.sum()))
     bound = max(_kinematic_bound(machine, trajectory), 0.0 if base is None else base.least_duration)
     return Certificate(
-        margin=guaranteed - ROUNDING, margin_at=at, edge=edge, sampled=sampled, limits_ok=excess <= LIMIT_TOLERANCE,
+        margin=guaranteed - ROUNDING, margin_at=at, edge=edge, sampled=sampled, limits_ok=kept,
         limit_excess=excess, gap=trajectory.duration / bound - 1.0 if bound > 0.0 else 0.0, required=required,
     )  # fmt: skip
 
@@ -247,7 +250,7 @@ def _kinematic_bound(machine: Machine, trajectory: Trajectory) -> float:
     limits, q, v = machine.limits, trajectory.positions, trajectory.velocities
     if not (np.isfinite(limits.velocity).all() and np.isfinite(limits.acceleration).all()):
         return 0.0
-    if (np.abs(v[[0, -1]]) > limits.velocity + LIMIT_TOLERANCE).any():
+    if (np.abs(v[[0, -1]]) > limits.velocity * (1.0 + LIMIT_TOLERANCE)).any():
         return 0.0
     rows = zip(q[-1] - q[0], limits.velocity, limits.acceleration, v[0], v[-1], strict=True)
     return max(

@@ -11,10 +11,15 @@ from zmp_sqp.planning.trajectory import Trajectory
 __all__ = ["limit_excess"]
 
 
-def limit_excess(machine: Machine, trajectory: Trajectory) -> float:
+def limit_excess(machine: Machine, trajectory: Trajectory, *, relative_below: float = 0.0) -> float:
     """Largest excess over any joint limit at any time, in closed form: rates are parabolas, positions cubics.
 
     Limits that nobody has given (NaN) cannot be exceeded; without any it is -inf.
+
+    Args:
+        machine: Whose limits.
+        trajectory: The motion.
+        relative_below: Excesses over rate and acceleration limits below this are taken as shares of the limit.
     """
     limits = machine.limits
     v, a, j = trajectory.velocities[:-1], trajectory.accelerations, trajectory.jerks
@@ -27,18 +32,19 @@ def limit_excess(machine: Machine, trajectory: Trajectory) -> float:
         places = [trajectory.positions, *(place for place, _ in inner)]
         rates = [np.abs(trajectory.velocities), *(np.abs(rate) for _, rate in inner)]
         pushes = [np.abs(a), np.abs(trajectory.end_accelerations)]
-        pairs = [
-            *((rate, limits.velocity) for rate in rates),
-            *((push, limits.acceleration) for push in pushes),
-            *((place, limits.position_upper) for place in places),
-            *((-place, -limits.position_lower) for place in places),
+        excesses = [
+            *(_excess(rate, limits.velocity, relative_below) for rate in rates),
+            *(_excess(push, limits.acceleration, relative_below) for push in pushes),
+            *(_excess(place, limits.position_upper, -np.inf) for place in places),
+            *(_excess(-place, -limits.position_lower, -np.inf) for place in places),
         ]
-        return max(_excess(values, bound) for values, bound in pairs)
+    return max(excesses)
 
 
-def _excess(values: Array, bound: Array) -> float:
+def _excess(values: Array, bound: Array, relative_below: float) -> float:
     """Largest of values - bound, shapes (K, n) and (n,); an overflow exceeds every limit that there is."""
-    over = np.nan_to_num(values - bound, nan=np.inf, posinf=np.inf, neginf=-np.inf)
+    over = (values - bound) / np.where(bound < relative_below, bound, 1.0)
+    over = np.nan_to_num(over, nan=np.inf, posinf=np.inf, neginf=-np.inf)
     return float(np.where(np.isnan(bound) | (bound == np.inf), -np.inf, over).max())
 
 
