@@ -32,9 +32,7 @@ ROUNDING = 1e-9  # [m] taken off for floating point, on top of what is proven of
 OPERATIONS = 100.0  # roundings that add up in a wrench: at most ten per joint and factor, and to spare
 DRIFT = 1e-6  # [rad/s or m/s, rad or m] that the nodes may add up to beside what the accelerations give
 EPSILON = float(np.finfo(float).eps)
-LIMIT_TOLERANCE = (
-    1e-9  # largest excess over a joint limit of a motion that keeps them, relative if the limit is below 1
-)
+LIMIT_TOLERANCE = 1e-9  # largest excess over a limit of a motion that keeps them, as a share of it if it is below 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,7 +103,8 @@ def certify(
     if base is not None:
         if trajectory.base is None:
             raise ProblemError("the trajectory has no base motion to hold to the limits of `base`")
-        excess = max(excess, base_excess(base, trajectory.base))
+        over = base_excess(base, trajectory.base)
+        excess, kept = max(excess, over), kept and over <= LIMIT_TOLERANCE
     steps = np.diff(trajectory.times)
     parts = np.maximum(STRETCHES, np.ceil(steps / LONGEST))
     parts = np.maximum(parts * min(1.0, FIRST / parts.sum()), 1.0).astype(int)
