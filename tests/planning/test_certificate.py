@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from itertools import product
 from pathlib import Path
@@ -23,6 +23,8 @@ from tests.problems import slider
 from zmp_sqp.mechanics.motion_bounds import wrench_curvature_bound, wrench_size_bound
 from zmp_sqp.planning import certificate as module
 from zmp_sqp.planning.limits_in_time import limit_excess
+from zmp_sqp.planning.unicycle import UnicycleBase
+from zmp_sqp.planning.unicycle_motion import UnicycleMotion
 
 Array = np.ndarray
 
@@ -470,3 +472,87 @@ def test_a_rate_a_thousand_times_a_tiny_limit_is_not_rounding() -> None:
     trajectory = integrated(machine, [0.0, 1.0], [0.0], [1e-9], [[0.0]])
     assert not zs.certify(machine, trajectory, LEVEL).limits_ok
     assert zs.certify(machine_of("slider").with_limits(velocity=1e-9), trajectory, LEVEL).limits_ok
+
+
+# --- a base that drives -----------------------------------------------------------------------------------------------
+
+
+def driving_case(seed: int, speed: float, steps: Array) -> Case:
+    """A random motion of the arm while the base drives and turns at random."""
+    case = random_case(("rigid", "permuted")[seed % 2], speed, seed, steps=steps)
+    rng = np.random.default_rng([seed, int(100 * speed)])
+    times, h = case.trajectory.times, np.diff(case.trajectory.times)
+    pushes = speed / np.maximum(h[:, None], 0.05) * rng.normal(size=(2, len(h), 2))
+    a, j = pushes[0], pushes[1] / h[:, None]
+    v, yaw = [speed * rng.normal(size=2)], [rng.uniform(-3.0, 3.0)]
+    for step, push, jerk in zip(h, a, j, strict=True):
+        yaw.append(yaw[-1] + step * v[-1][1] + step**2 * push[1] / 2.0 + step**3 * jerk[1] / 6.0)
+        v.append(v[-1] + step * push + step**2 * jerk / 2.0)
+    base = UnicycleMotion.from_start(times, np.zeros(3), np.array(v), np.array(yaw), (a, j))
+    return Case(case.machine, replace(case.trajectory, base=base), case.ground)
+
+
+def least_driving(case: Case, *, samples: int) -> float:
+    """Least margin with the root's pose, twist and acceleration in the model itself, gravity in the world."""
+    trajectory, machine = case.trajectory, case.machine
+    base, support = trajectory.base, machine.support
+    assert base is not None
+    assert support is not None
+    shares = np.linspace(0.0, 1.0, samples)
+    k = np.repeat(np.arange(trajectory.intervals), samples)
+    since = np.outer(np.diff(trajectory.times), shares).ravel()
+    pose, twist, push = base.state_in(k, since)
+    q, v, a = trajectory.state_in(k, since)
+    model = machine.model.copy()
+    model.gravity = pin.Motion(case.ground.gravity(), np.zeros(3))
+    data, full, rates = model.createData(), machine.configuration(q), np.zeros((2, len(q), model.nv))
+    full[:, 5], full[:, 6] = np.sin(pose[:, 2] / 2.0), np.cos(pose[:, 2] / 2.0)
+    for array, joints, root in ((rates[0], v, twist), (rates[1], a, push)):
+        array[:, machine.index_v], array[:, [0, 5]] = joints, root
+    wrench = np.array([pin.rnea(model, data, *row)[:6] for row in zip(full, *rates, strict=True)])
+    fx, fy, fz, tx, ty, _ = wrench.T
+    points = np.column_stack([-(ty - support.height * fx), tx + support.height * fy]) / fz[:, None]
+    return float(support.signed_distance(points).min()) if (fz > 0.0).all() else -np.inf
+
+
+@pytest.mark.parametrize("speed", [0.1, 1.0, 5.0])
+def test_the_guarantee_holds_while_the_base_drives_and_turns(speed: float) -> None:
+    for seed in range(6):
+        case = driving_case(seed, speed, np.array([0.2, 0.1, 0.3]) / max(speed, 1.0))
+        found = zs.certify(case.machine, case.trajectory, case.ground)
+        least = least_driving(case, samples=400)
+        assert is_below(found.margin, least), seed
+        assert found.margin == -np.inf or found.margin >= found.sampled - LOOSE, seed
+
+
+def test_the_interpolation_error_is_bounded_over_a_single_stretch_of_a_driving_base(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for constant, value in (("STRETCHES", 1), ("LONGEST", np.inf), ("LOOSE", np.inf)):
+        monkeypatch.setattr(module, constant, value)
+    informative = 0
+    for seed, (speed, length) in enumerate(product((0.1, 1.0, 5.0), np.geomspace(0.01, 0.5, 12))):
+        case = driving_case(seed, speed, np.array([length / max(speed, 1.0)]))
+        found = module.certify(case.machine, case.trajectory, case.ground, margin=-1e9)
+        informative += np.isfinite(found.margin) and found.sampled - found.margin > 1e-6
+        assert is_below(found.margin, least_driving(case, samples=200)), seed
+    assert informative >= 5
+
+
+def test_a_base_that_breaks_its_limits_or_does_not_arrive_is_not_safe() -> None:
+    """The joints keep theirs."""
+    machine = machine_of("feller_buncher")
+    still_arm = still(machine, q=-0.5)
+    pushes = np.zeros((1, 2)), np.zeros((1, 2))
+    drive = UnicycleMotion.from_start(still_arm.times, np.zeros(3), np.array([[0.5, 0.0]] * 2), np.zeros(2), pushes)
+    trajectory = replace(still_arm, base=drive)
+    limits = {"max_acceleration": 1.0, "max_yaw_rate": 1.0, "max_yaw_acceleration": 1.0}
+    rates = {"start_velocity": [0.5, 0.0], "goal_velocity": [0.5, 0.0]}
+    good = UnicycleBase([0.0, 0.0, 0.0], [0.5, 0.0, 0.0], max_speed=1.0, **limits, **rates)
+    elsewhere = UnicycleBase([0.0, 0.0, 0.0], [0.6, 0.0, 0.0], max_speed=1.0, **limits, **rates)
+    slower = UnicycleBase([0.0, 0.0, 0.0], [0.5, 0.0, 0.0], max_speed=0.4, **limits)
+    assert zs.certify(machine, trajectory, LEVEL, base=good).limits_ok
+    for base in (elsewhere, slower):
+        found = zs.certify(machine, trajectory, LEVEL, base=base)
+        assert not found.limits_ok
+        assert not found.safe
