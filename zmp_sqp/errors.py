@@ -1,6 +1,14 @@
 """Exceptions: misuse raises one at once; a well-posed problem without a solution is a status."""
 
-__all__ = ["ContactLost", "MachineError", "NotSolved", "ProblemError", "ScenarioError", "TrajectoryError", "ZmpSqpError"]
+__all__ = [
+    "ContactLost",
+    "MachineError",
+    "NotSolved",
+    "ProblemError",
+    "ScenarioError",
+    "TrajectoryError",
+    "ZmpSqpError",
+]
 
 
 class ZmpSqpError(Exception):
