@@ -48,13 +48,19 @@ def first_call() -> dict[str, float]:
 
 
 def calls(problem: zs.Problem, qp_solver: str, repeats: int) -> tuple[np.ndarray, zs.Plan]:
-    """Processor and wall seconds of each call after the first, shape (repeats, 2), and the last plan."""
-    plan, times = zs.plan(problem, qp_solver=qp_solver), []
+    """Processor seconds, wall seconds and F of each call after the first, shape (repeats, 3), and the last plan.
+
+    F is measured right before and right after each call, because it changes with what else the computer does.
+    """
+    plan, rows = zs.plan(problem, qp_solver=qp_solver), []
+    F = measure_F(problem.machine, repeats=9)
     for _ in range(repeats):
         started = time.process_time(), time.perf_counter()
         plan = zs.plan(problem, qp_solver=qp_solver)
-        times.append((time.process_time() - started[0], time.perf_counter() - started[1]))
-    return np.array(times), plan
+        elapsed = time.process_time() - started[0], time.perf_counter() - started[1]
+        before, F = F, measure_F(problem.machine, repeats=9)
+        rows.append((*elapsed, 0.5 * (before + F)))
+    return np.array(rows), plan
 
 
 def phases(problem: zs.Problem, repeats: int) -> dict[str, float]:
@@ -108,16 +114,14 @@ def main() -> int:
     headline = np.inf
     for named in problems():
         for qp_solver in BACKENDS:
-            F = measure_F(named.problem.machine)
             times, plan = calls(named.problem, qp_solver, options.repeats)
-            F = 0.5 * (F + measure_F(named.problem.machine))
-            in_F, wall = times[:, 0] / F, 1e3 * float(np.median(times[:, 1]))
+            in_F, (_, wall, F) = times[:, 0] / times[:, 2], 1e3 * np.median(times, axis=0)
             if named.name == "paper_1" and qp_solver == "proxqp":
                 headline = float(np.median(in_F))
             rows.append([
                 named.name, qp_solver, plan.status.name, plan.iterations, round(plan.duration, 6),
                 *(round(float(value), 1) for value in (np.median(in_F), in_F.min(), in_F.max(), wall)),
-                round(1e3 * F, 4),
+                round(float(F), 4),
             ])  # fmt: skip
     split = phases(paper_1().problem, options.repeats)
     F = measure_F(paper_1().problem.machine)
