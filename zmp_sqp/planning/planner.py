@@ -22,6 +22,7 @@ from zmp_sqp.planning.hold import CONSTANT, LINEAR, slope_ties
 from zmp_sqp.planning.model import ArmModel
 from zmp_sqp.planning.problem import Problem
 from zmp_sqp.planning.simplified import LumpedMass
+from zmp_sqp.planning.single_thread import one_blas_thread
 from zmp_sqp.planning.trajectory import Trajectory
 from zmp_sqp.planning.transcription import Boundary, PathBounds, Transcription
 from zmp_sqp.planning.unicycle_motion import UnicycleMotion
@@ -51,6 +52,7 @@ OUTCOMES = {
 }
 
 
+@one_blas_thread()
 def plan(
     problem: Problem,
     qp_solver: str = "proxqp",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -60,6 +60,7 @@ class Problem:
     model: str = "full"
     distance_limits: DistanceLimits | None = None
     base: UnicycleBase | None = None
+    _coordinates: Coordinates = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         if not isinstance(self.machine, Machine):
@@ -85,6 +86,9 @@ class Problem:
         self._check_limits()
         self._check_support()
         self._check_base()
+        simplified = self.model == "simplified"
+        found = simplified_coordinates(self.machine, self.start) if simplified else Coordinates.identity(size)
+        object.__setattr__(self, "_coordinates", found)
         self._check_model()
         for name in ("start", "goal"):
             self._check_boundary(name, getattr(self, name), getattr(self, f"{name}_velocity"))
@@ -107,9 +111,7 @@ class Problem:
     @property
     def coordinates(self) -> Coordinates:
         """What is planned: the joints, or the coordinates of the simplified model."""
-        if self.model == "simplified":
-            return simplified_coordinates(self.machine, self.start)
-        return Coordinates.identity(self.machine.size)
+        return self._coordinates
 
     def _check_base(self) -> None:
         if self.base is None:

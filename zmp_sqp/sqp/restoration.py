@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
@@ -35,13 +37,14 @@ def restored(
         if dx is None or float((lin.at.inequalities + lin.C @ dx).max(initial=0.0)) > feasibility:
             return None  # these rows are not those that will be active
         before, x = lin.at.violation, x + dx
+        at = nlp.evaluate(x)
+        if not at.is_finite() or nlp.optimality_gap(x) > optimality:
+            return None
+        if at.violation <= feasibility:
+            return x, replace(lin, at=at)  # the run ends here: nobody needs its derivatives
+        if at.violation > CONTRACTION * before:
+            return None
         lin = nlp.linearize(x)
-        if not lin.at.is_finite() or nlp.optimality_gap(x) > optimality:
-            return None
-        if lin.at.violation <= feasibility:
-            return x, lin
-        if lin.at.violation > CONTRACTION * before:
-            return None
     return None
 
 
