@@ -223,3 +223,18 @@ def test_planning_leaves_the_problem_alone() -> None:
     for part, now in zip(before, (problem.start, problem.goal, problem.machine.limits.velocity), strict=True):
         np.testing.assert_array_equal(part, now)
     assert problem.machine.model == model
+
+
+def test_a_machine_that_moves_where_it_would_tip_over_at_rest_is_no_plan_of_no_duration() -> None:
+    foot = zs.SupportPolygon([[-0.5, -2.0], [0.5, -2.0], [0.5, 2.0], [-0.5, 2.0]])
+    slider = zs.load_machine("slider").with_support(foot)
+    plan = zs.plan(zs.Problem(slider, [0.9], [0.9], start_velocity=[0.2], goal_velocity=[0.2]))
+    assert not plan.success
+    assert plan.certificate.margin < -0.3
+
+
+@pytest.mark.parametrize("rate", [-0.2, 0.2])
+def test_the_lower_bound_of_going_nowhere_in_motion_is_zero(rate: float) -> None:
+    slider = zs.load_machine("slider")
+    plan = zs.plan(zs.Problem(slider, [0.1], [0.1], start_velocity=[rate], goal_velocity=[rate]))
+    assert plan.lower_bound == 0.0

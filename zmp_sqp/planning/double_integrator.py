@@ -10,6 +10,7 @@ from zmp_sqp.arrays import Array
 
 __all__ = ["BangCoastBang", "grid_minimum_time", "grid_profile", "minimum_time"]
 
+ROUNDING = 1e-9  # [rad or m] of a distance
 SMALLEST = 1e-150  # keeps quotients finite
 
 
@@ -58,6 +59,8 @@ def minimum_time(
     """
     v0, v1, a = start_velocity, goal_velocity, max_acceleration
     direct = 0.5 * (v0 + v1) * abs(v1 - v0) / a  # displacement of going from v0 to v1 at full acceleration
+    if v0 * v1 > 0.0 and abs(distance - direct) <= ROUNDING:  # on the edge between two kinds of motion: the shorter one
+        return BangCoastBang(float(np.sign(v1 - v0)) * a, v1, (abs(v1 - v0) / a, 0.0, 0.0))
     sign = 1.0 if distance >= direct else -1.0
     distance, v0, v1 = sign * distance, sign * v0, sign * v1
     peak = float(np.sqrt(max(0.5 * (v0**2 + v1**2) + a * distance, 0.0)))

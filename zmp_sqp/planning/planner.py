@@ -140,9 +140,13 @@ def plan(
         attempt = _trajectory(problem, nlp, result.x)
         checked = certify(problem.machine, attempt, problem.ground, problem.margin, base=problem.base)
         status = OUTCOMES.get(result.status, Status.FAILED)
-        if checked.safe and not status.success:  # the proof does not ask how the motion was found
+        proven = checked.safe and problem.is_met_by(attempt)
+        if proven and not status.success:  # the proof does not ask how the motion was found
             status = Status.SAFE
-        if not status.success or checked.safe:
+        if not status.success or proven:
+            break
+        if not np.isfinite(checked.margin) or checked.safe:  # nothing that drawing in the rows would mend
+            status = Status.FAILED
             break
         if problem.distance_limits is not None and not checked.limits_ok:
             status = Status.JOINT_LIMITS  # drawing in the ZMP's rows does not mend that
@@ -283,8 +287,9 @@ def _already_there(problem: Problem, qp_solver: str, started: float) -> Plan:
         drive = UnicycleMotion.from_start(times, base.start, rates, np.full(2, base.start[2]), (still, still))
     attempt = Trajectory(problem.machine.joint_names, times, q, v, 0.0 * v[:1], base=drive)
     checked = certify(problem.machine, attempt, problem.ground, problem.margin, base=problem.base)
+    status = Status.FASTEST_POSSIBLE if checked.safe else Status.INFEASIBLE
     return Plan(
-        problem=problem, status=Status.FASTEST_POSSIBLE, message=str(Status.FASTEST_POSSIBLE), duration=0.0,
+        problem=problem, status=status, message=_message(problem, status, checked), duration=0.0,
         lower_bound=0.0, certificate=checked, iterations=0, solve_time=time.perf_counter() - started, history=(),
         qp_solver=qp_solver, attempt=attempt,
     )  # fmt: skip

@@ -15,6 +15,7 @@ from zmp_sqp.mechanics.wrench import ground_reaction
 from zmp_sqp.mechanics.zero_moment_point import zmp_of_wrench
 from zmp_sqp.planning.coordinates import Coordinates
 from zmp_sqp.planning.simplified import FORM_TOLERANCE, DistanceLimits, simplified_coordinates
+from zmp_sqp.planning.trajectory import Trajectory
 from zmp_sqp.planning.unicycle import UnicycleBase
 
 __all__ = ["MODELS", "Problem"]
@@ -22,6 +23,8 @@ __all__ = ["MODELS", "Problem"]
 LEVEL = Slope()
 MOST_ACCELERATIONS = 10_000  # intervals times joints: memory goes with the square, here 2 GB
 MODELS = ("full", "simplified")
+ARRIVAL = 1e-6  # [rad or m, and per second, relative above one] how far a motion may miss what is asked for
+FARTHEST = 1e5  # [rad or m] coordinates beyond it leave too few digits
 LIMIT_TOLERANCE = 1e-9  # [rad or m] rounding that a start or goal may stand outside its limits
 LIMIT_RANGE = (1e-12, 1e12)  # [rad or m, per second, per second squared] beyond, squares of durations overflow
 STATIC_TOLERANCE = 1e-9  # [m] likewise for the ZMP at rest
@@ -113,6 +116,16 @@ class Problem:
         """What is planned: the joints, or the coordinates of the simplified model."""
         return self._coordinates
 
+    def is_met_by(self, trajectory: Trajectory) -> bool:
+        """Whether a motion of the joints begins and ends in the states that are asked for."""
+        for asked, found in (
+            ((self.start, self.goal), trajectory.positions),
+            ((self.start_velocity, self.goal_velocity), trajectory.velocities),
+        ):
+            if not (np.abs(found[[0, -1]] - asked) <= ARRIVAL * (1.0 + np.abs(asked))).all():
+                return False
+        return True
+
     def _check_base(self) -> None:
         if self.base is None:
             return
@@ -170,6 +183,8 @@ class Problem:
                 )
             if abs(v[i]) > rate * (1.0 + LIMIT_TOLERANCE):
                 raise ProblemError(f"{name} velocity of joint {joint!r} is {v[i]:.6g}, outside its limits +-{rate:.6g}")
+            if abs(q[i]) > FARTHEST:
+                raise ProblemError(f"{name} of joint {joint!r} is {q[i]:.6g}: planning needs it within +-{FARTHEST:g}")
             onward = v[i] if name == "start" else -v[i]  # at the goal, the way it must have come from
             room = upper - q[i] if onward > 0.0 else q[i] - lower
             needed = onward**2 / (2.0 * limits.acceleration[i])
