@@ -46,14 +46,15 @@ def restored(
         if dx is None:
             return None
         before, x = lin.at.violation, x + dx
-        at = nlp.evaluate(x)
+        ahead = nlp.linearize(x) if before**2 > feasibility else None  # unlikely to be the last step
+        at = nlp.evaluate(x) if ahead is None else ahead.at
         if not at.is_finite() or nlp.optimality_gap(x) > optimality:
             return None
         if at.violation <= feasibility:
             return x, replace(lin, at=at)  # the run ends here: nobody needs its derivatives
         if at.violation > CONTRACTION * before:
             return None
-        lin = nlp.linearize(x)
+        lin = nlp.linearize(x) if ahead is None else ahead
     return None
 
 
@@ -69,12 +70,14 @@ def _shortest_step(lin: Linearization, working: Mask, feasibility: float) -> tup
     skip = 0 if basis is None else basis.eliminated
     d, Z = (np.zeros(len(lin.gradient)), np.eye(len(lin.gradient))) if basis is None else (basis.d, basis.Z)
     weights = np.where(Z.T @ lin.gradient != 0.0, DEAR, 1.0)
-    A, b = lin.A[skip:] @ Z / weights, -(at.equalities[skip:] + lin.A[skip:] @ d)
-    Q, R = np.linalg.qr(A.T)
+    kept = lin.A[skip:]
+    b = -(at.equalities[skip:] + kept @ d)
+    Q, R = np.linalg.qr((kept @ Z / weights).T)
     pivots = np.abs(np.diag(R))
     if len(pivots) and pivots.min() <= SINGULAR * pivots.max():
         return None, working
     first = Q @ scipy.linalg.solve_triangular(R, b, trans="T") if len(b) else np.zeros(len(weights))
+    values = at.inequalities + lin.C @ d
     missed = max(feasibility, MISSED * at.violation)
     index, rows = np.zeros(0, dtype=int), np.zeros((0, len(weights)))
     for _ in range(ROUNDS):
@@ -82,7 +85,7 @@ def _shortest_step(lin: Linearization, working: Mask, feasibility: float) -> tup
         if len(index) + len(added) > MOST_ROWS:
             break
         index, rows = np.append(index, added), np.vstack([rows, lin.C[added] @ Z / weights])
-        room = -(at.inequalities[index] + lin.C[index] @ d) - rows @ first
+        room = -values[index] - rows @ first
         dual = np.vstack([((rows @ Q) @ Q.T - rows).T, -room])
         target = np.append(np.zeros(len(weights)), 1.0)
         try:
