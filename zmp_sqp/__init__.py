@@ -18,10 +18,12 @@ from zmp_sqp.mechanics import (
     Machine,
     Payload,
     Slope,
+    StabilityMeasures,
     SupportPolygon,
     load_machine,
     shipped_machines,
     stability_margin,
+    stability_measures,
     zmp,
 )
 from zmp_sqp.planning import (
@@ -65,6 +67,7 @@ __all__ = [
     "ScenarioError",
     "SlewInsight",
     "Slope",
+    "StabilityMeasures",
     "Status",
     "SupportPolygon",
     "Trajectory",
@@ -83,6 +86,7 @@ __all__ = [
     "shipped_machines",
     "slew_insight",
     "stability_margin",
+    "stability_measures",
     "trajectory_zmp",
     "zmp",
 ]
