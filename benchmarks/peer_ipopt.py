@@ -36,7 +36,7 @@ from tests.checks import check_feasibility
 from tests.problems import NamedProblem
 from zmp_sqp.planning import planner
 
-__all__ = ["compare", "ours"]
+__all__ = ["ours", "peered", "planned"]
 
 TOLERANCE = 1e-6  # [m, rad, per second ...] largest violation of a solved problem
 SLOWER = 1e-3  # relative: what the planner's motions may be slower by
@@ -46,6 +46,7 @@ SHOWN = (
     "status", "duration", "constant", "iterations", "seconds",
     "ipopt_status", "ipopt_duration", "ipopt_iterations", "ipopt_seconds", "guess",
 )  # fmt: skip
+PEER_KEYS = ("guess", "ipopt_")
 
 
 def ours(named: NamedProblem) -> tuple[zs.Plan, PeerMotion, list[tuple[str, int, float]], float]:
@@ -75,31 +76,35 @@ def guesses(named: NamedProblem, first: PeerMotion) -> list[tuple[str, PeerMotio
     return [("same", first), ("slower", slower), ("folded", by_way_of(named.problem, first, folded, slower=2.0))]
 
 
-def compare(seed: int, peer: Peer) -> dict[str, Any]:
-    """Both on one problem; what comes back is ready for JSON."""
-    named = peer_problem(seed)
+def planned(named: NamedProblem) -> tuple[dict[str, Any], PeerMotion]:
+    """The planner's share of a row, ready for JSON, and its initial guess."""
     plan, first, runs, elapsed = ours(named)
     violation = np.inf
     if plan.attempt is not None:
         violation = check_feasibility(named.scene, named.problem, plan.attempt).violation
-    row: dict[str, Any] = {
-        "seed": seed, "solved": bool(plan.success and violation < TOLERANCE), "status": plan.status.name,
-        "duration": plan.duration, "lower_bound": plan.lower_bound, "constant": runs[0][2], "runs": runs,
-        "iterations": plan.iterations, "seconds": round(elapsed, 4), "violation": float(f"{violation:.3g}"),
-        "ipopt_seconds": 0.0, "ipopt_iterations": 0,
+    row = {
+        "solved": bool(plan.success and violation < TOLERANCE), "status": plan.status.name, "duration": plan.duration,
+        "lower_bound": plan.lower_bound, "constant": runs[0][2], "runs": runs, "iterations": plan.iterations,
+        "seconds": round(elapsed, 4), "violation": float(f"{violation:.3g}"),
     }  # fmt: skip
+    return row, first
+
+
+def peered(named: NamedProblem, peer: Peer, first: PeerMotion) -> dict[str, Any]:
+    """IPOPT's share of a row, ready for JSON: of the guess that led it to a solution, or of the last one."""
+    row: dict[str, Any] = {"ipopt_seconds": 0.0, "ipopt_iterations": 0}
     for name, guess in guesses(named, first):
         answer = peer.solve(named, guess)
         found = check_feasibility(named.scene, named.problem, answer.motion.trajectory(named.problem.machine))
         worst = max(found.zmp_at_ends, found.limits, found.boundary, found.dynamics)
-        solved = answer.status in CONVERGED and worst < TOLERANCE
         row |= {
-            "ipopt_solved": bool(solved), "ipopt_status": answer.status, "ipopt_duration": answer.motion.duration,
-            "ipopt_violation": float(f"{worst:.3g}"), "ipopt_between": float(f"{found.zmp_between:.3g}"), "guess": name,
+            "ipopt_solved": bool(answer.status in CONVERGED and worst < TOLERANCE), "ipopt_status": answer.status,
+            "ipopt_duration": answer.motion.duration, "ipopt_violation": float(f"{worst:.3g}"),
+            "ipopt_between": float(f"{found.zmp_between:.3g}"), "guess": name,
             "ipopt_seconds": round(row["ipopt_seconds"] + answer.seconds, 3),
             "ipopt_iterations": row["ipopt_iterations"] + answer.iterations,
         }  # fmt: skip
-        if solved:
+        if row["ipopt_solved"]:
             break
     return row
 
@@ -156,22 +161,39 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--seconds", type=float, default=60.0, help="processor time of each of IPOPT's runs")
     parser.add_argument("--log", type=Path, help="one JSON line per problem; those already there are kept")
+    parser.add_argument("--replan", type=Path, help="plan the log's problems anew into this file; IPOPT's answers stay")
     parser.add_argument("--json", type=Path, help="write the summary and every problem's numbers here")
     options = parser.parse_args()
     seeds = range(options.first, options.first + options.count)
-    done = {}
+    done: dict[int, dict[str, Any]] = {}
     if options.log is not None and options.log.exists():
         done = {row["seed"]: row for row in map(json.loads, options.log.read_text(encoding="utf-8").splitlines())}
-    peer = Peer(peer_problem(options.first).scene, seconds=options.seconds) if set(seeds) - set(done) else None
+    if options.replan is not None:
+        done = {
+            seed: {"seed": seed} | {key: row[key] for key in row if key.startswith(PEER_KEYS)}
+            for seed, row in done.items()
+        }
+        options.log = options.replan
+        if options.log.exists():
+            again = map(json.loads, options.log.read_text(encoding="utf-8").splitlines())
+            done |= {row["seed"]: row for row in again}
+        seeds = sorted(set(seeds) & set(done))
+    peer = None
     for seed in seeds:
-        if seed in done or peer is None:
+        row = done.setdefault(seed, {"seed": seed})
+        if "status" in row:
             continue
-        done[seed] = compare(seed, peer)
-        if failures([done[seed]]):
-            console.print(f"[bold]seed {seed}[/bold]: {done[seed]}")
+        named = peer_problem(seed)
+        of_ours, first = planned(named)
+        if "ipopt_status" not in row:
+            peer = peer or Peer(named.scene, seconds=options.seconds)
+            row |= peered(named, peer, first)
+        row |= of_ours
+        if failures([row]):
+            console.print(f"[bold]seed {seed}[/bold]: {row}")
         if options.log is not None:
             with options.log.open("a", encoding="utf-8") as log:
-                log.write(json.dumps(done[seed]) + "\n")
+                log.write(json.dumps(row) + "\n")
     rows = [done[seed] for seed in seeds]
     summary = report(rows)
     if options.json is not None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 import zmp_sqp as zs
@@ -14,7 +16,7 @@ LOADS = (1000.0, 2000.0), 6000.0  # [kg] least of even and of odd seeds, largest
 ROOM = 0.02, (np.inf, 0.30)  # [m] static stability margin of start and goal: least, largest of even and of odd seeds
 
 
-def peer_problem(seed: int) -> NamedProblem:
+def peer_problem(seed: int, **options: Any) -> NamedProblem:
     """Two poses that stand by themselves, uniform within the joint limits, the slew over its two full turns.
 
     Even seeds take any two; odd ones take two near the edge, where the ZMP nearly always costs time.
@@ -30,4 +32,4 @@ def peer_problem(seed: int) -> NamedProblem:
         margins = zs.stability_margin(machine, poses, still, still, scene.ground)
         standing = poses[(margins >= ROOM[0]) & (margins <= ROOM[1][kind])]
         if len(standing) >= 2:
-            return NamedProblem(f"peer_{seed}", scene, scene.problem(*standing[:2]), None)
+            return NamedProblem(f"peer_{seed}", scene, scene.problem(*standing[:2], **options), None)

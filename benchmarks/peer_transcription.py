@@ -58,8 +58,15 @@ class Peer:
     middle and end; positions hold at the nodes and at their Bernstein points. No guard is kept from any edge.
     """
 
-    def __init__(self, scene: Scene, *, intervals: int = 50, seconds: float = 60.0) -> None:
-        """Build the program; `seconds` of processor time are the most that one solve gets."""
+    def __init__(self, scene: Scene, *, intervals: int = 50, seconds: float = 60.0, expand: bool = True) -> None:
+        """Build the program.
+
+        Args:
+            scene: Machine, polygon and the tree's shape; ground and the tree's mass come with each problem.
+            intervals: N.
+            seconds: Of processor time, the most that one solve gets.
+            expand: Into scalar operations: ten seconds to build instead of one, solves in half the time.
+        """
         machine = scene.load()
         self.N, self.n, limits = intervals, machine.size, machine.limits
         N, n = self.N, self.n
@@ -88,7 +95,7 @@ class Peer:
             "x": ca.vertcat(ca.vec(Q), ca.vec(W), ca.vec(U), sigma), "p": ca.vertcat(h, gravity, load), "f": sigma,
             "g": ca.vertcat(*parts),
         }  # fmt: skip
-        options = {"ipopt": {**SETTINGS, "max_cpu_time": seconds}, "print_time": False, "expand": True}  # twice as fast
+        options = {"ipopt": {**SETTINGS, "max_cpu_time": seconds}, "print_time": False, "expand": expand}
         self._solver = ca.nlpsol("peer", "ipopt", program, options)
 
     def _stage(self, wrench: ca.Function, mass: float, scene: Scene) -> ca.Function:
