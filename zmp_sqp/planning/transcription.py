@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from zmp_sqp.arrays import Array
 from zmp_sqp.planning.hold import CONSTANT, Hold
 from zmp_sqp.planning.layout import layout_of
-from zmp_sqp.planning.model import StageModel, wrench_curvature
+from zmp_sqp.planning.model import StageModel, extra_curvature, wrench_curvature
 from zmp_sqp.sqp.nlp import Basis, Evaluation, Linearization
 
 __all__ = ["Boundary", "PathBounds", "Transcription"]
@@ -188,13 +188,15 @@ class Transcription:
             diagonal[-1] = max(diagonal[-1], 0.0)
         weights = z[self.nonlinear_rows].reshape(3 * self.N, -1)
         weights[: self.N] += weights[2 * self.N :]  # a control point's curvature is that of the start but for O(h)
-        weights = weights[: 2 * self.N, : len(self._rows)]  # the wrench's rows alone
+        weights = weights[: 2 * self.N]
         active = np.flatnonzero(weights.max(axis=1) > 0.0)
         if not len(active):
             return sp.csr_array(sp.diags_array(diagonal))
         states_q, states_w, alpha, S = self._states(x)
         at = states_q[active], states_w[active], alpha[active]
-        blocks = wrench_curvature(self.model, *at, S, weights[active] @ self._rows)
+        of_wrench, of_extra = np.split(weights[active], [len(self._rows)], axis=1)
+        blocks = wrench_curvature(self.model, *at, S, of_wrench @ self._rows)
+        blocks += extra_curvature(self.model, *at, S, of_extra / self.reference**2)
         blocks *= self._stage_scale[:, None] * self._stage_scale
         if convex:
             values, vectors = np.linalg.eigh(blocks)
