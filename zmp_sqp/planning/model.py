@@ -86,14 +86,20 @@ class ArmModel:
         return rows, np.concatenate([slopes - by_S, -slopes - by_S], axis=1) / scale[:, None]
 
     def extra_curvature(self, q: Array, w: Array, alpha: Array, S: float, weights: Array) -> Array:
-        """Second derivatives of `weights . extra` by (q, w, alpha, S), weights (K, R), shape (K, 3n + 1, 3n + 1)."""
+        r"""Second derivatives of `weights . extra` by (q, w, alpha, S), weights (K, R), shape (K, 3n + 1, 3n + 1).
+
+        .. math:: \nabla^2 (d_1 w): \; d_3 w, d_2; \quad
+                  \nabla^2 (d_1 \alpha + d_2 w^2): \; d_3 \alpha + d_4 w^2, 2 d_3 w, d_2, 2 d_2
+
+        with d_i the i-th derivative of d by the boom angle: entries by (q, q), (q, w), then (q, alpha), (w, w).
+        """
         count, n = q.shape
         H = np.zeros((count, 3 * n + 1, 3 * n + 1))
         if self.distance is None:
             return H
         lumped, limits = self.distance
         boom, rate, push = q[:, 1], w[:, 1], alpha[:, 1]
-        first, second, third = lumped.derivatives(boom)
+        _, second, third = lumped.derivatives(boom)
         fourth = -second  # d is a sine of the boom angle
         of_rate, of_push = ((weights[:, :2] - weights[:, 2:]) / [limits.velocity, limits.acceleration]).T
         by_boom, by_rate, by_push = 1, n + 1, 2 * n + 1
