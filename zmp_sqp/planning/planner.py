@@ -39,6 +39,7 @@ LEAST_TIME = 1e-9  # [s] of no account: ways so short that rounding shows may ta
 RATE_SLACK = 1e-10  # relative, above boundary rates that use up the guard
 UNBOUNDED = 1e4  # [rad or m] stands for a position limit that is infinite
 MAX_TIGHTENINGS = 6
+STRETCHES = 4  # of a motion that misses a limit by rounding
 REFINEMENTS = 15  # iterations with linear accelerations; what is not feasible by then is dropped
 FEW_CONTROLS = 120  # up to so many, each interval's slope is free; beyond, it follows from its neighbours
 Program = Transcription | DrivingTranscription
@@ -246,10 +247,12 @@ def _trajectory(problem: Problem, nlp: Program, x: Array) -> Trajectory:
         return q, w, u, float(np.sqrt(S))
 
     q, w, controls, duration = motion(x)
-    rates, pushes = np.abs(w) / limits.velocity, np.abs(controls) / limits.acceleration
-    needed = max(float(rates.max()), float(np.sqrt(pushes.max())))  # the duration at which no limit is exceeded
-    if duration < needed <= duration * (1.0 + 1e-7) + LEAST_TIME:
-        q, w, controls, duration = motion(np.append(x[:-1], (needed / nlp.reference) ** 2))  # boundary rates stay
+    for _ in range(STRETCHES):  # rates at the ends stay, and arriving anew moves the others a little
+        rates, pushes = np.abs(w) / limits.velocity, np.abs(controls) / limits.acceleration
+        needed = max(float(rates.max()), float(np.sqrt(pushes.max())))  # the duration at which no limit is exceeded
+        if not duration < needed <= duration * (1.0 + 1e-7) + LEAST_TIME:
+            break
+        q, w, controls, duration = motion(np.append(x[:-1], (needed / nlp.reference) ** 2))
     times = np.linspace(0.0, duration, problem.intervals + 1)
     start, end = (nlp.hold.shapes(s)[0] for s in (0.0, 1.0))
     ends = [np.einsum("c,kcn->kn", shape, controls) / duration**2 for shape in (start, end)]
@@ -266,8 +269,9 @@ def _message(problem: Problem, status: Status, checked: Certificate) -> str:
         return str(status)
     if np.isinf(checked.limit_excess):
         return f"{status} The last motion looked at ends beside its goal, or leaves the base's x or y bounds."
-    if checked.limit_excess > 1e-6:
-        return f"{status} The last motion looked at exceeds a joint limit by {checked.limit_excess:.3g}."
+    if not checked.limits_ok:
+        whose = "a joint limit" if problem.base is None else "a limit of a joint or of the base"
+        return f"{status} The last motion looked at exceeds {whose} by {checked.limit_excess:.3g}."
     if checked.margin >= problem.margin:
         return str(status)
     edge = problem.machine.support.edge_name(checked.edge)
