@@ -80,6 +80,7 @@ LEAVES = (
     "zmp_sqp.cli",
     "zmp_sqp.paper",
     "zmp_sqp.paper_command",
+    "zmp_sqp.paper_driving",
     "zmp_sqp.paper_figures",
     "zmp_sqp.paper_ladder",
     "zmp_sqp.paper_tables",

@@ -21,7 +21,15 @@ if TYPE_CHECKING:
     from rich.table import Table
     from rich.text import Text
 
-__all__ = ["RESULT_KEYS", "history_table", "joint_table", "make_result", "summary_table", "versions"]
+__all__ = [
+    "RESULT_KEYS",
+    "history_table",
+    "joint_table",
+    "make_result",
+    "plan_fields",
+    "summary_table",
+    "versions",
+]
 
 PACKAGES = ("numpy", "scipy", "pin", "proxsuite", "piqp", "qpsolvers")  # whose versions a result names
 RESULT_KEYS = """\
@@ -39,11 +47,9 @@ RESULT_KEYS = """\
 """
 
 
-def make_result(scenario: Scenario, found: Plan, baseline: Trajectory | None, qp_solver: str) -> dict[str, Any]:
-    """What `--json` writes; `RESULT_KEYS` explains it."""
+def plan_fields(found: Plan) -> dict[str, Any]:
+    """What every result tells of a plan, ready for JSON: SI units, None where there is no value."""
     return {
-        "scenario": scenario.name,
-        "title": scenario.title,
         "success": found.success,
         "status": found.status.name.lower(),
         "message": found.message,
@@ -51,8 +57,17 @@ def make_result(scenario: Scenario, found: Plan, baseline: Trajectory | None, qp
         "lower_bound": found.lower_bound,
         "margin": found.margin if found.success else None,
         "iterations": found.iterations,
+        "qp_solver": found.qp_solver,
+    }
+
+
+def make_result(scenario: Scenario, found: Plan, baseline: Trajectory | None, qp_solver: str) -> dict[str, Any]:
+    """What `--json` writes; `RESULT_KEYS` explains it."""
+    return {
+        "scenario": scenario.name,
+        "title": scenario.title,
+        **plan_fields(found),
         "solve_time": found.solve_time,
-        "qp_solver": qp_solver,
         "phase_plane": None if baseline is None else _baseline_result(found.problem, baseline),
         "joints": _joint_peaks(found.problem, found.trajectory) if found.success else None,
         "versions": versions(),
