@@ -134,7 +134,10 @@ def test_figures_4_to_6_show_every_planner_on_every_joint_with_dashed_limits(
     base = asymmetric_profile(-2.0, forward=2.0, backward=2.0, max_speed=10.0, least_duration=0.0)
     moving = Motions(planned.problem, arms, {"phase plane": base, "simplified": base})
     assert [path.name for path in draw_figures(Motions(planned.problem, arms, {}), moving, tmp_path)] == list(FIGURES)
-    _, joints, locus, accelerations = saved
+    loci, joints, locus, accelerations = saved
+    assert {"$d_u$", "$d_l$"} <= {text.get_text() for text in loci.axes[0].texts}
+    for figure in (joints, accelerations):
+        assert "constraints" in {text.get_text() for text in figure.legends[0].get_texts()}
     assert len(joints.axes) == 3 * 5
     assert len(accelerations.axes) == 1 + 5
     for axes in joints.axes:

@@ -34,13 +34,15 @@ PLANNER_COLOURS = {"phase plane": "tab:green", "full model": "tab:red", "simplif
 OTHER_COLOURS = ("tab:purple", "tab:orange", "tab:brown", "tab:pink", "tab:olive", "tab:cyan")
 JOINT_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#666666")  # Okabe & Ito 2008
 LINE_STYLES = ("-", ":", "-.")  # once the colours are used up
+MEASURED_AT = 0.11  # of the motion, where fig. 3 shows d_u and d_l
 LEVEL = 1e-3  # sine of a slope that is not worth an arrow
 RESOLUTION = 100  # [dots per inch]
 
 
 def plot_zmp(
-    problem: Problem, trajectories: Mapping[str, Trajectory], path: str | Path, *, window: float = 0.0
-) -> None:
+    problem: Problem, trajectories: Mapping[str, Trajectory], path: str | Path, *, window: float = 0.0,
+    measured: str | None = None,
+) -> None:  # fmt: skip
     """Draw ZMP loci in the support polygon: fig. 3 of Song & Sharf 2020.
 
     The axes are the paper's, x to the right of the machine and y ahead of it: (-y, x) of the root frame. The ZMP jumps
@@ -52,6 +54,7 @@ def plot_zmp(
         trajectories: Motions by planner; "phase plane", "full model" and "simplified" have the paper's colours.
         path: File to write; its ending chooses the format.
         window: As in `draw_loci` [m].
+        measured: As in `draw_loci`.
 
     Raises:
         ProblemError: The machine has no support polygon.
@@ -64,13 +67,14 @@ def plot_zmp(
         name: [_locus(problem, trajectory, times) for times in sample_times(trajectory)]
         for name, trajectory in trajectories.items()
     }
-    draw_loci(figure, support, problem.ground, loci, window=window)
+    draw_loci(figure, support, problem.ground, loci, window=window, measured=measured)
     save(figure, path)
 
 
 def draw_loci(
-    figure: Figure, support: SupportPolygon, ground: Ground, loci: Mapping[str, Sequence[Array]], *, window: float = 0.0
-) -> None:
+    figure: Figure, support: SupportPolygon, ground: Ground, loci: Mapping[str, Sequence[Array]], *,
+    window: float = 0.0, measured: str | None = None,
+) -> None:  # fmt: skip
     """Draw support polygon, ZMP loci with their ends, and the way downhill; the legend stands above.
 
     Args:
@@ -79,6 +83,7 @@ def draw_loci(
         ground: For its slope.
         loci: By planner; one array (K, 2) of ZMPs in the root frame for each piece without a jump [m].
         window: Both axes reach from -window to window, as the paper's do [m]; 0 fits them to what is drawn.
+        measured: From a point of this planner's locus, d_u and d_l of eq. (21) are drawn; None draws none.
     """
     axes = figure.add_subplot()
     vertices = support.vertices  # (V, 2)
@@ -97,6 +102,8 @@ def draw_loci(
     for marker, label in (("o", "ZMP initial"), ("s", "ZMP final")):
         axes.plot([], [], "w", marker=marker, markersize=7, markeredgecolor="black", linestyle="none", label=label)
     _draw_downhill(axes, ground)
+    if measured is not None and measured in loci:
+        _draw_room(axes, support, loci[measured][int(MEASURED_AT * len(loci[measured]))][0])
     if window:
         axes.set(xlim=(-window, window), ylim=(-window, window))
     axes.set_aspect("equal", adjustable="box" if window else "datalim")
@@ -188,6 +195,18 @@ def _draw_downhill(axes: Axes, ground: Ground) -> None:
         [tip] = _paper_axes(2.0 * down[None])
         axes.annotate("", xy=tip, xytext=(0.0, 0.0), arrowprops={"arrowstyle": "->", "color": "grey", "linewidth": 1.6})
         axes.annotate("downhill", xy=(0.0, 0.0), xytext=(6.0, -12.0), textcoords="offset points", color="grey")
+
+
+def _draw_room(axes: Axes, support: SupportPolygon, point: Array) -> None:
+    """Arrows from a ZMP along the heading to the front edge (d_u) and to the rear one (d_l)."""
+    ahead, room = support.normals[:, 0], support.offsets - support.normals @ point
+    for sign, name in ((1.0, "$d_u$"), (-1.0, "$d_l$")):
+        facing = sign * ahead > LEVEL
+        end = point + np.array([sign * float((room[facing] / (sign * ahead[facing])).min()), 0.0])
+        arrow = {"arrowstyle": "<->", "color": "dimgrey", "shrinkA": 0.0, "shrinkB": 0.0}
+        [tail], [tip] = _paper_axes(point[None]), _paper_axes(end[None])
+        axes.annotate("", xy=tip, xytext=tail, arrowprops=arrow)
+        axes.annotate(name, xy=0.5 * (tail + tip), xytext=(4.0, 0.0), textcoords="offset points", va="center")
 
 
 def _draw_limits(axes: Axes, bounds: Array, *, everything: bool) -> None:
