@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.errors import ContactLost, ProblemError
 from zmp_sqp.mechanics import Ground, Machine, SupportPolygon
-from zmp_sqp.planning import Problem, Trajectory, trajectory_zmp
+from zmp_sqp.planning import Problem, Trajectory, UnicycleBase, trajectory_zmp
+from zmp_sqp.plots_base import draw_base, draw_plan_view
 from zmp_sqp.scenario import sliding_joints
 
 if TYPE_CHECKING:
@@ -113,16 +114,22 @@ def draw_loci(
     figure.legend(loc="outside upper center", ncols=2)
 
 
-def plot_joints(machine: Machine, trajectory: Trajectory, path: str | Path) -> None:
-    """Draw joint accelerations, rates and angles over time: fig. 4 (a-c) of Song & Sharf 2020.
+def plot_joints(
+    machine: Machine, trajectory: Trajectory, path: str | Path, *, base: UnicycleBase | None = None,
+    ground: Ground | None = None,
+) -> None:  # fmt: skip
+    """Draw joint accelerations, rates and angles over time: fig. 4 (a-c) of Song & Sharf 2020; and the base's motion.
 
     Limits are dashed: black where several joints share one, else in the joint's colour. Position limits far from the
-    motion are left out.
+    motion are left out. A base that moves has columns of its own: way, speed, yaw, yaw rate, and its
+    path seen from above.
 
     Args:
         machine: Gives the limits.
         trajectory: The motion.
         path: File to write; its ending chooses the format.
+        base: Gives the base's limits.
+        ground: For the way downhill beside the base's path.
     """
     limits, unit = machine.limits, joint_unit(machine)
     times = np.concatenate(sample_times(trajectory))
@@ -137,8 +144,10 @@ def plot_joints(machine: Machine, trajectory: Trajectory, path: str | Path) -> N
             limits.position_upper,
         ),
     )
-    figure = new_figure(width=6.4, height=7.2)
-    for axes, (label, values, lower, upper) in zip(figure.subplots(3, 1, sharex=True), panels, strict=True):
+    drive = trajectory.base
+    figure = new_figure(width=6.4 if drive is None else 15.0, height=7.2)
+    parts: Any = [figure] if drive is None else figure.subfigures(1, 3, width_ratios=(6.0, 4.0, 5.0))
+    for axes, (label, values, lower, upper) in zip(parts[0].subplots(3, 1, sharex=True), panels, strict=True):
         for joint, name in enumerate(trajectory.joint_names):
             dashes = LINE_STYLES[joint // len(JOINT_COLOURS) % len(LINE_STYLES)]
             axes.plot(times, values[:, joint], dashes, color=_joint_colour(joint), linewidth=1.4, label=name)
@@ -147,7 +156,11 @@ def plot_joints(machine: Machine, trajectory: Trajectory, path: str | Path) -> N
         axes.margins(x=0.0)
         axes.grid(alpha=0.3)
     axes.set_xlabel("time [s]")
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=6)
+    parts[0].legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=6)
+    if drive is not None:
+        draw_base(parts[1].subplots(4, 1, sharex=True), drive, base, times)
+        if machine.support is not None:
+            draw_plan_view(parts[2].subplots(), drive, machine.support, base, ground)
     save(figure, path)
 
 
