@@ -26,8 +26,8 @@ PAPER_KEYS = """\
   tests     of each test: name, title, planners (by name: duration, margin and, for ours, success, status,
             message, lower_bound, iterations, qp_solver, time, time_in_F, F) and base (of each way: distance,
             duration, margin; under eq. (21) lower, upper, factor, peak_acceleration)
-  driving   test 2 with the base, of each distance and planner: success, message, duration, lower_bound, margin
-            (proven), sampled, iterations, time
+  driving   test 2 with the base, of each distance and planner: success, status, message, duration,
+            lower_bound, margin (proven), sampled, iterations, qp_solver, time
   slews     analytic and sqp duration for each radius, with their times
   ladder    a planner's numbers for each payload, boom_deg, reach and model; status "refused" where the
             problem is none

@@ -38,8 +38,9 @@ RESULT_KEYS = """\
   success, status, message  whether a motion was found, and why not
   duration, lower_bound     [s]; no motion within the joint limits is faster than the bound
   margin                    [m] from the ZMP to the nearest edge at its least, negative outside
-  iterations, solve_time    of the SQP; [s]
+  iterations                of the SQP
   qp_solver                 the QP solver that was asked for
+  solve_time                [s]
   phase_plane               duration and margin of the motion that knows no ZMP;
                             null if the start or the goal is in motion, or the base drives
   joints                    by name: peak_rate, rate_limit, peak_acceleration, acceleration_limit
