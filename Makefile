@@ -34,6 +34,7 @@ check: venv  ## linter, formatter, types
 bench: venv  ## speed, robustness, comparison with IPOPT, printed as tables
 	$(BIN)/python -m benchmarks.speed
 	$(BIN)/python -m benchmarks.random_problems
+	$(BIN)/python -m benchmarks.driving_problems
 	$(BIN)/python -m benchmarks.memory
 	$(BIN)/python -m benchmarks.peer_ipopt
 

@@ -24,6 +24,7 @@ __all__ = ["GUARD", "Program", "boundaries", "grid_bound", "path_bounds", "stage
 GUARD = 5e-5  # [m] kept inside the asked margin, so that a proof of the margin is cheap
 LIMIT_GUARD = 1e-8  # relative, likewise for the joint limits
 LEAST_TIME = 1e-9  # [s] of no account: ways so short that rounding shows may take this much longer
+STRETCHES = 4  # of a motion that misses a limit by rounding
 RATE_SLACK = 1e-10  # relative, above boundary rates that use up the guard
 UNBOUNDED = 1e4  # [rad or m] stands for a position limit that is infinite
 Program = Transcription | DrivingTranscription
@@ -110,10 +111,12 @@ def trajectory(problem: Problem, nlp: Program, x: Array) -> Trajectory:
         return q, w, u, float(np.sqrt(S))
 
     q, w, controls, duration = motion(x)
-    rates, pushes = np.abs(w) / limits.velocity, np.abs(controls) / limits.acceleration
-    needed = max(float(rates.max()), float(np.sqrt(pushes.max())))  # the duration at which no limit is exceeded
-    if duration < needed <= duration * (1.0 + 1e-7) + LEAST_TIME:
-        q, w, controls, duration = motion(np.append(x[:-1], (needed / nlp.reference) ** 2))  # boundary rates stay
+    for _ in range(STRETCHES):  # rates at the ends stay, and arriving anew moves the others a little
+        rates, pushes = np.abs(w) / limits.velocity, np.abs(controls) / limits.acceleration
+        needed = max(float(rates.max()), float(np.sqrt(pushes.max())))  # the duration at which no limit is exceeded
+        if not duration < needed <= duration * (1.0 + 1e-7) + LEAST_TIME:
+            break
+        q, w, controls, duration = motion(np.append(x[:-1], (needed / nlp.reference) ** 2))
     times = np.linspace(0.0, duration, problem.intervals + 1)
     start, end = (nlp.hold.shapes(s)[0] for s in (0.0, 1.0))
     ends = [np.einsum("c,kcn->kn", shape, controls) / duration**2 for shape in (start, end)]
