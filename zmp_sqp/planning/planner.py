@@ -45,7 +45,7 @@ MAX_ITERATIONS = 100
 # Guesses by how much slower they are than the bound, and iterations spent on them: first whether the bound can be kept,
 # then a start from which the ZMP's rows are less curved; others only if that leads nowhere.
 GUESSES = ((1.0, 3), (1.1, MAX_ITERATIONS), (1.6, MAX_ITERATIONS), (2.5, MAX_ITERATIONS))
-REFINEMENTS = 15  # iterations with linear accelerations; what is not feasible by then is dropped
+REFINEMENTS = 30  # iterations with linear accelerations; what is not feasible by then is dropped
 FEW_CONTROLS = 120  # up to so many, each interval's slope is free; beyond, it follows from its neighbours
 OUTCOMES = {
     SQPStatus.OPTIMAL: Status.OPTIMAL,
