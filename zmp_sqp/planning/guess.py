@@ -35,8 +35,9 @@ def kinematic_lower_bound(
 
 
 def initial_guess(
-    model: StageModel, start: Boundary, goal: Boundary, bounds: PathBounds, *, intervals: int, least_duration: float
-) -> tuple[Array, float]:
+    model: StageModel, start: Boundary, goal: Boundary, bounds: PathBounds, *, intervals: int, least_duration: float,
+    smooth: bool = False,
+) -> tuple[Array, float]:  # fmt: skip
     """Accelerations T^2 a, shape (N, n), and duration T [s] of a motion from start to goal.
 
     From rest to rest it is the synchronised bang-coast-bang motion on the grid, at its least duration unless the ZMP
@@ -49,8 +50,9 @@ def initial_guess(
         bounds: Limits and wrench rows.
         intervals: N.
         least_duration: Proven lower bound on this grid [s].
+        smooth: The cubic from rest to rest, too.
     """
-    at_rest = not (start.v.any() or goal.v.any())
+    at_rest = not (start.v.any() or goal.v.any() or smooth)
     duration = least_duration if at_rest else 1.05 * least_duration
     size = float(np.median(-bounds.wrench_rows[:, 2]))  # distances of the edges from the origin
     for _ in range(TRIALS):

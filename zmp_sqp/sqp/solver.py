@@ -253,10 +253,10 @@ class SQP:
         if full.at.is_finite() and full.at.violation > lin.at.violation:
             end, dx = full.at, step.dx
             for _ in range(MOST_CORRECTIONS):
-                before, dx = end.violation, self._corrected(lin, end, dx, step, subproblem, model)
-                if dx is None:
+                before, corrected = end.violation, self._corrected(lin, end, dx, step, subproblem, model)
+                if corrected is None:
                     break
-                end = nlp.evaluate(x + dx)
+                dx, end = corrected, nlp.evaluate(x + corrected)
                 if merit.value(end) <= start - slope + noise:
                     return x + dx, nlp.linearize(x + dx), 1.0, True
                 if not end.is_finite() or end.violation > 0.5 * before:
