@@ -51,6 +51,7 @@ LAYERS = {  # what a half may import besides itself and the foundation
     "zmp_sqp.mechanics": (),
     "zmp_sqp.sqp": (),
     "zmp_sqp.planning": ("zmp_sqp.mechanics", "zmp_sqp.sqp"),
+    "zmp_sqp.simulation": ("zmp_sqp.mechanics", "zmp_sqp.planning"),
 }
 
 
