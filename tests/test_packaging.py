@@ -85,6 +85,7 @@ LEAVES = (
     "zmp_sqp.paper_ladder",
     "zmp_sqp.paper_tables",
     "zmp_sqp.plots",
+    "zmp_sqp.replay_command",
     "zmp_sqp.report",
     "zmp_sqp.scenario",
 )

@@ -1,4 +1,4 @@
-"""Command line: `zmp-sqp plan SCENARIO`, `zmp-sqp paper`."""
+"""Command line: `zmp-sqp plan SCENARIO`, `zmp-sqp paper`, `zmp-sqp replay SCENARIO_OR_CSV`."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from zmp_sqp.errors import ZmpSqpError
 from zmp_sqp.paper_command import PAPER_FILES, PAPER_KEYS, run_paper
 from zmp_sqp.planning import Plan, Problem, Trajectory, phase_plane, plan
 from zmp_sqp.plots import joint_unit, plot_joints, plot_zmp
+from zmp_sqp.replay_command import REPLAY_FILES, REPLAY_KEYS, run_replay
 from zmp_sqp.report import RESULT_KEYS, history_table, joint_table, make_result, summary_table
 from zmp_sqp.scenario import load_scenario, shipped_scenarios
 
@@ -104,6 +105,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--no-figures", dest="figures", action="store_false", help="write no figures")
     command.add_argument("--verbose", action="store_true", help="print every iteration of the SQP")
     _add_paper(commands)
+    _add_replay(commands, shipped)
     return parser
 
 
@@ -137,6 +139,50 @@ def _add_paper(commands: Any) -> None:
     )
     command.add_argument("--no-ladder", dest="ladder", action="store_false", help="leave the ladder out")
     command.add_argument("--no-figures", dest="figures", action="store_false", help="write no figures")
+
+
+def _add_replay(commands: Any, shipped: str) -> None:
+    command = commands.add_parser(
+        "replay",
+        help="replay a motion in a physics engine: does the machine tip over?",
+        description=(
+            "The machine stands free on its slope in MuJoCo, under contact and friction, and follows the motion: of\n"
+            "a scenario the planned one and, beside it, the one that knows no ZMP; or the one of a CSV file."
+        ),
+        epilog=(
+            "examples:\n"
+            "  zmp-sqp replay paper_1 --out out/replay     table, picture strip\n"
+            "  zmp-sqp replay out/paper_1/trajectory.csv   a file that `plan paper_1 --out out/paper_1` wrote\n"
+            "  zmp-sqp replay my.csv --scenario my_machine.toml --video --out out/mine\n\n"
+            f"{shipped}\n{REPLAY_KEYS}\n{EXIT_CODES}"
+        ),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    command.set_defaults(run=_replay)
+    command.add_argument(
+        "source", metavar="SCENARIO_OR_CSV", help="a scenario as `plan` takes it, or a trajectory's CSV"
+    )
+    command.add_argument("--scenario", metavar="SCENARIO", help="machine and ground of a CSV file")
+    command.add_argument("--margin", type=float, metavar="M", help="[m] from ZMP to edges (default: the scenario's)")
+    command.add_argument(
+        "--out", type=Path, metavar="DIR", help=f"write {', '.join(REPLAY_FILES)}, in place of old ones"
+    )
+    command.add_argument(
+        "--json", metavar="FILE", help="write the results; - is standard output, with nothing else there"
+    )
+    command.add_argument("--video", action="store_true", help=f"write {REPLAY_FILES[-1]} too; it takes a while")
+    command.add_argument("--no-pictures", dest="pictures", action="store_false", help="draw nothing")
+    command.add_argument(
+        "--time-step", type=float, default=1e-3, metavar="S", help="[s] of the physics (default: 0.001)"
+    )
+
+
+def _replay(arguments: argparse.Namespace) -> int:
+    stands = run_replay(
+        arguments.source, scenario=arguments.scenario, margin=arguments.margin, out=arguments.out,
+        json_file=arguments.json, pictures=arguments.pictures, video=arguments.video, time_step=arguments.time_step,
+    )  # fmt: skip
+    return DONE if stands else UNSAFE
 
 
 def _count(text: str) -> int:

@@ -91,7 +91,8 @@ def replay(
             if 1.0 - 2.0 * (poses[k, 4] ** 2 + poses[k, 5] ** 2) < FALLEN:
                 fell, count = True, k + 1
                 break
-    return Replay(machine, trajectory, ground, h * np.arange(count), poses[:count], loads[:count], error, fell)
+    times = np.asarray(h * np.arange(count), dtype=np.float64)
+    return Replay(machine, trajectory, ground, times, poses[:count], loads[:count], error, fell)
 
 
 def _setting(value: float, *, name: str, least: float, most: float) -> float:

@@ -68,13 +68,11 @@ def _visuals(machine: Machine, path: Any) -> Iterator[Solid]:
             shape, material = read_shape(visual), visual.find("material")
             if shape.kind == "mesh":
                 continue
-            size = {
-                "box": lambda d: tuple(0.5 * edge for edge in d),
-                "cylinder": lambda d: (d[0], 0.5 * d[1]),
-                "sphere": lambda d: d,
-            }[shape.kind](shape.dimensions)
+            edges = shape.dimensions
+            halves = {"box": tuple(0.5 * edge for edge in edges), "cylinder": (edges[0], 0.5 * edges[-1])}
             placement = frame.placement * pin.SE3(shape.rotation, shape.translation)
-            colour = STEEL if material is None else colours.get(material.get("name"), STEEL)
+            name = None if material is None else material.get("name")
+            size, colour = halves.get(shape.kind, edges), colours.get(name, STEEL)
             yield Solid(shape.kind, size, frame.parentJoint, placement, colour)
 
 
