@@ -9,18 +9,18 @@ import numpy as np
 import pinocchio as pin
 
 from zmp_sqp.arrays import Array
-from zmp_sqp.mechanics.ground import Ground
+from zmp_sqp.mechanics.ground import GRAVITY, Ground
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.simulation.engine import load_mujoco
 from zmp_sqp.simulation.shapes import Solid
 
-__all__ = ["FOOT", "foot_name", "multibody_spec"]
+__all__ = ["contact_time", "foot_name", "multibody_spec"]
 
 FOOT = 0.01  # [m] radius of the spheres that stand on the ground
 DRIVE = 1e5  # [kg m^2 or kg] of a drive per kg of machine; 1e3 to 1e8 give the same motion
 LEAST_INERTIA = 1e-9  # [m^2] of a body per kg of it: MuJoCo takes no point masses
-CONTACT_TIME = 0.01  # [s] in which a contact recovers, critically damped
-IMPEDANCE = 0.999  # of a contact: at 23.65 t it yields by about a micrometre
+RIGID = (0.01, 0.999)  # time constant [s] and impedance of contacts that yield by about a micrometre
+SOFT = 0.5  # impedance at which MuJoCo's spring and damper are those of its time constant: critically damped
 FRICTION_RATIO = 10.0  # how much harder friction is than the normal force
 SOLVER = {"tolerance": 1e-14, "iterations": 200}
 
@@ -36,6 +36,7 @@ def multibody_spec(
     *,
     time_step: float,
     friction: tuple[float, float],
+    sinkage: float = 0.0,
     solids: Iterable[Solid] = (),
 ) -> Any:
     """MuJoCo's description of the machine, its root on a free joint, its feet on the ground.
@@ -51,6 +52,8 @@ def multibody_spec(
         ground: For its gravity.
         time_step: Of the simulation [s].
         friction: Coefficients of a foot's friction against sliding [-] and against twisting [m].
+        sinkage: How far the ground yields under the machine at rest, a spring and a damper below each foot; 0 is as
+            rigid as MuJoCo can be [m].
         solids: To be drawn.
 
     Returns:
@@ -65,11 +68,12 @@ def multibody_spec(
     spec.option.cone, spec.option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, FRICTION_RATIO
     for key, value in SOLVER.items():
         setattr(spec.option, key, value)
+    time, impedance = (contact_time(sinkage), SOFT) if sinkage > 0.0 else RIGID
     contact = {
         "condim": 4,  # normal, two of sliding, twisting
         "friction": [*friction, 0.0],
-        "solref": [CONTACT_TIME, 1.0],
-        "solimp": [IMPEDANCE, IMPEDANCE, 0.001, 0.5, 2.0],
+        "solref": [time, 1.0],
+        "solimp": [impedance, impedance, 0.001, 0.5, 2.0],
     }
     plane = {"type": mujoco.mjtGeom.mjGEOM_PLANE, "size": [0.0, 0.0, 1.0], "pos": [0.0, 0.0, support.height]}
     spec.worldbody.add_geom(name="ground", contype=1, conaffinity=2, rgba=[0.0] * 4, **plane, **contact)
@@ -95,6 +99,11 @@ def multibody_spec(
         look = {"type": kind, "size": solid.size, "rgba": solid.colour}
         bodies[solid.joint].add_geom(contype=0, conaffinity=0, **look, **_pose(solid.placement))
     return spec
+
+
+def contact_time(sinkage: float) -> float:
+    """MuJoCo's time constant of a ground that yields so far under a standing machine, s = g (SOFT t)^2 [s]."""
+    return float(np.sqrt(sinkage / GRAVITY)) / SOFT
 
 
 def _pose(placement: Any) -> dict[str, Any]:

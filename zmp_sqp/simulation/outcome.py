@@ -15,7 +15,7 @@ from zmp_sqp.planning.trajectory import Trajectory
 
 __all__ = ["LIFTED", "Replay"]
 
-LIFTED = 5e-3  # [m] above the ground: more than tracks and soil give way under a machine that stands
+LIFTED = 5e-3  # [m] above the ground at which a corner of the tracks counts as lifted
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,18 +63,17 @@ class Replay:
 
     @property
     def corners(self) -> Array:
-        """The support polygon's corners, less where they were at rest, shape (K, V, 3) [m]."""
+        """The support polygon's corners, root frame at rest, shape (K, V, 3) [m]."""
         support = self.support
         points = np.column_stack([support.vertices, np.full(len(support.vertices), support.height)])
         w, u = self.poses[:, None, 3:4], self.poses[:, None, 4:]
         once = np.cross(u, points[None])  # (K, V, 3)
-        places = self.poses[:, None, :3] + points + 2.0 * (w * once + np.cross(u, once))
-        return np.asarray(places - places[0])
+        return np.asarray(self.poses[:, None, :3] + points + 2.0 * (w * once + np.cross(u, once)))
 
     @property
     def lifts(self) -> Array:
-        """Height of the support polygon's corners above where they were at rest, shape (K, V) [m]."""
-        return np.asarray(self.corners[:, :, 2])
+        """Height of the support polygon's corners above the ground, negative where it yields, shape (K, V) [m]."""
+        return np.asarray(self.corners[:, :, 2] - self.support.height)
 
     @property
     def edge_loads(self) -> Array:
@@ -98,7 +97,7 @@ class Replay:
 
     @property
     def lift(self) -> float:
-        """Largest height of a corner above where it was at rest [m]."""
+        """Largest height of a corner above the ground [m]."""
         return float(self.lifts.max())
 
     @property
@@ -141,5 +140,6 @@ class Replay:
     @property
     def slide(self) -> float:
         """Largest displacement along the ground of a corner that carries load [m]."""
-        along = np.hypot(self.corners[:, :, 0], self.corners[:, :, 1])
+        places = self.corners[:, :, :2]
+        along = np.linalg.norm(places - places[0], axis=2)  # (K, V)
         return float(np.where(self.loads > 0.0, along, 0.0).max())

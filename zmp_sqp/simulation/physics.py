@@ -10,13 +10,13 @@ from zmp_sqp.mechanics.ground import Ground
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.planning.trajectory import Trajectory
 from zmp_sqp.simulation.engine import load_mujoco
-from zmp_sqp.simulation.multibody import foot_name, multibody_spec
+from zmp_sqp.simulation.multibody import contact_time, foot_name, multibody_spec
 from zmp_sqp.simulation.outcome import Replay
 
 __all__ = ["replay"]
 
 SETTLING = 0.5  # [s] at rest before the motion
-LONGEST_STEP = 5e-3  # [s] of the simulation: half of the contacts' time constant
+LONGEST_STEP = 5e-3  # [s] of the simulation: half of the rigid contacts' time constant
 FALLEN = np.cos(np.pi / 4)  # cosine of the tilt at which a replay ends
 
 
@@ -28,6 +28,7 @@ def replay(
     time_step: float = 1e-3,
     hold: float = 1.0,
     friction: float = 10.0,
+    sinkage: float = 0.0,
 ) -> Replay:
     r"""Physics of a motion: contact and friction under the machine instead of the assumption that it stands.
 
@@ -47,6 +48,8 @@ def replay(
         time_step: Of the simulation, at most 5 ms [s].
         hold: How long the machine stands still after a motion that ends at rest [s].
         friction: Coefficient of a foot's friction; times 1 m, that against twisting on the spot.
+        sinkage: How far the ground yields under a machine that stands evenly, like a spring and a damper [m]; 0 is
+            rigid. A machine leans on ground that yields, and its other side rises: go by `fell` and `max_tilt` there.
 
     Raises:
         MissingExtra: MuJoCo is not installed.
@@ -58,8 +61,11 @@ def replay(
     h = _setting(time_step, name="time_step", least=1e-6, most=LONGEST_STEP)
     rest = 0.0 if np.any(trajectory.velocities[-1]) else _setting(hold, name="hold", least=0.0, most=3600.0)
     grip = _setting(friction, name="friction", least=0.0, most=1e3)
+    soft = _setting(sinkage, name="sinkage", least=0.0, most=1.0)
+    if soft > 0.0 and contact_time(soft) < 2.0 * h:
+        raise ProblemError(f"a sinkage of {soft:g} m is too little for a time_step of {h:g} s: shorten it, or give 0")
     mujoco = load_mujoco()
-    model = multibody_spec(machine, ground, time_step=h, friction=(grip, grip * 1.0)).compile()
+    model = multibody_spec(machine, ground, time_step=h, friction=(grip, grip * 1.0), sinkage=soft).compile()
     model.stat.meaninertia = machine.mass  # the solver's yardstick, which the drives' inertias must not stretch
     data = mujoco.MjData(model)
     joints = [model.joint(name) for name in machine.joint_names]

@@ -57,9 +57,9 @@ def _urdf_links(path: Any) -> list[str]:
 def _visuals(machine: Machine, path: Any) -> Iterator[Solid]:
     robot = ET.parse(path).getroot()
     colours = {
-        material.get("name"): tuple(map(float, colour.attrib["rgba"].split()))
+        material.get("name"): tuple(map(float, paint.attrib["rgba"].split()))
         for material in robot.findall("material")
-        if (colour := material.find("color")) is not None
+        if (paint := material.find("color")) is not None
     }
     links = {frame.name: frame for frame in _links(machine)}
     for link in robot.findall("link"):
