@@ -33,7 +33,8 @@ LIFTED = 5e-3  # [m] the verdict: a track edge lifts by more
 NEAR = 0.05  # [m] from the edge, where verdicts may differ
 UNLOADED = 5e-5  # [m] a track that lifts at all: fifty times what the contacts give way
 SLOWER = (1.05, 2.5)  # factors of the slowed motion's duration
-INSTANTS = 4000  # of the rocking body
+HOLD = 1.0  # [s] at rest after the motion, in which a track that is up comes down
+INSTANTS = 5000  # of the rocking body
 CAPSIZED = 0.3  # [rad] the rocking body does not come back
 COLUMNS = ("seed", "motion", "duration", "margin", "lift", "rocking", "least_load", "outside", "slide", "verdict")
 
@@ -47,32 +48,31 @@ def slowed(trajectory: zs.Trajectory, factor: float) -> zs.Trajectory:
 
 
 def rocking(machine: zs.Machine, trajectory: zs.Trajectory, ground: zs.Slope) -> tuple[float, float]:
-    """Lift [m] of the rigid body that rocks about one edge, and the longest time [s] that the ZMP is outside of one."""
+    """Largest lift [m] of a corner of the rocking body, and longest time [s] that the ZMP is outside of one edge."""
     support = machine.support
-    times = np.linspace(0.0, trajectory.duration, INSTANTS)
-    q, v, a = trajectory(times)
+    times = np.linspace(0.0, trajectory.duration + HOLD, INSTANTS)
+    moving = times < trajectory.duration
+    q, v, a = trajectory(np.minimum(times, trajectory.duration))
+    v, a = v * moving[:, None], a * moving[:, None]
     still = np.concatenate([-ground.gravity(), np.zeros(3)])
     moments = ground_reaction(machine, q, v, a, root_acceleration=still) @ support.wrench_rows().T  # (K, V)
     some = np.linspace(0, INSTANTS - 1, 50).astype(int)
     inertias = np.array([edge_inertias(machine, state) for state in machine.configuration(q[some])])  # (50, V)
-    width = (support.offsets[:, None] - support.normals @ support.vertices.T).max(axis=1)
-    h, lift, outside = times[1], 0.0, 0.0
+    inside = support.offsets[:, None] - support.normals @ support.vertices.T  # (V, V), of each corner from each edge
+    h, outside, angles = times[1], 0.0, np.zeros_like(moments)
     for edge, moment in enumerate(moments.T):
-        accelerations = moment / np.interp(np.arange(INSTANTS), some, inertias[:, edge])
-        angle = rate = 0.0
-        since, longest = 0.0, 0.0
-        for push in accelerations:
+        angle = rate = since = 0.0
+        for k, push in enumerate(moment / np.interp(np.arange(INSTANTS), some, inertias[:, edge])):
             since = since + h if push > 0.0 else 0.0
-            longest = max(longest, since)
+            outside = max(outside, since)
             rate += h * push
             angle += h * rate
             if angle <= 0.0:
                 angle = rate = 0.0
-            lift = max(lift, angle * width[edge])
+            angles[k:, edge] = angle
             if angle > CAPSIZED:
                 break
-        outside = max(outside, longest)
-    return lift, outside
+    return float((angles @ inside).max()), outside
 
 
 def edge_inertias(machine: zs.Machine, configuration: Array) -> Array:
@@ -111,7 +111,7 @@ def run(seed: int, recipe: Recipe) -> list[dict[str, Any]]:
     rows = []
     for name, motion in motions.items():
         margin = zs.certify(machine, motion, ground).margin
-        replay = zs.replay(machine, motion, ground)
+        replay = zs.replay(machine, motion, ground, hold=HOLD)
         rocks, outside = rocking(machine, motion, ground)
         rows.append({
             "seed": seed, "motion": name, "duration": motion.duration, "margin": margin, "lift": replay.lift,
@@ -165,7 +165,8 @@ def main() -> int:
     }  # fmt: skip
     console.print(
         f"{wrong} motions with a positive margin tip over; margin and lift of more than {1e3 * UNLOADED:.2f} mm "
-        f"agree in {lifting} of {len(rows)}; rocking body over MuJoCo, lifts of 0.1 to 20 mm: {summary['rocking_over_lift']}"
+        f"agree in {lifting} of {len(rows)}; rocking body over MuJoCo, lifts of 0.1 to 20 mm, 10, 50 and 90 %: "
+        f"{summary['rocking_over_lift']}"
     )
     if options.json is not None:
         table = [[round(row[key], 7) if isinstance(row[key], float) else row[key] for key in COLUMNS] for row in rows]

@@ -59,7 +59,9 @@ def replay(
     """
     _check(machine, trajectory, ground)
     h = _setting(time_step, name="time_step", least=1e-6, most=LONGEST_STEP)
-    rest = 0.0 if np.any(trajectory.velocities[-1]) else _setting(hold, name="hold", least=0.0, most=3600.0)
+    rest = _setting(hold, name="hold", least=0.0, most=3600.0)
+    if np.any(trajectory.velocities[-1]):
+        rest = 0.0  # it would stop with a blow
     grip = _setting(friction, name="friction", least=0.0, most=1e3)
     soft = _setting(sinkage, name="sinkage", least=0.0, most=1.0)
     if soft > 0.0 and contact_time(soft) < 2.0 * h:

@@ -12,8 +12,8 @@ import numpy as np
 import pinocchio as pin
 
 from zmp_sqp.arrays import Array
-from zmp_sqp.errors import MissingExtra, ProblemError
-from zmp_sqp.simulation.engine import load_mujoco, load_pillow
+from zmp_sqp.errors import ProblemError
+from zmp_sqp.simulation.engine import load_mujoco, load_pillow, open_canvas
 from zmp_sqp.simulation.multibody import multibody_spec
 from zmp_sqp.simulation.outcome import Replay
 from zmp_sqp.simulation.shapes import Solid, machine_solids
@@ -26,6 +26,7 @@ RATE = 20  # [1/s] frames of a moving picture
 SKY = ((0.93, 0.95, 0.97), (0.80, 0.86, 0.92))
 SOIL = ((0.62, 0.60, 0.53), (0.57, 0.55, 0.48))
 GROUND, INK = 1.6, (40, 40, 40)  # half edge of the drawn ground as a share of the view's
+GEOMS = 1000  # room for what is drawn
 SHADOW = 1024  # [pixels] of the map that shadows are read from
 ROOM = 1.12  # around the machine, as a share of the view
 LINE = 18  # [pixels] of a label
@@ -92,18 +93,19 @@ def _labelled(pixels: Array, text: str) -> Any:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Stage:
-    """The scene of one replay with a renderer on it."""
+    """The scene of one replay, on a canvas of OpenGL."""
 
     replay: Replay
     model: Any
     data: Any
-    renderer: Any
-    at_q: Array
+    scene: Any
+    context: Any
+    size: tuple[int, int]
 
     @classmethod
     @contextmanager
     def of(cls, replay: Replay, width: int, height: int) -> Iterator[_Stage]:
-        """Open it, and close its renderer at the end."""
+        """Open it, and close its canvas at the end."""
         mujoco = load_mujoco()
         machine = replay.machine
         solids = machine_solids(machine)
@@ -111,25 +113,34 @@ class _Stage:
         _furnish(mujoco, spec, replay, solids, width / height)
         spec.visual.global_.offwidth, spec.visual.global_.offheight = width, height
         model = spec.compile()
+        canvas = open_canvas(width, height)
         try:
-            renderer = mujoco.Renderer(model, height, width)
-        except Exception as cause:  # whatever OpenGL raises
-            raise MissingExtra(f"there is no way to draw here ({cause}): set MUJOCO_GL to egl or osmesa") from cause
-        at_q = np.array([model.joint(name).qposadr[0] for name in machine.joint_names])
-        try:
-            yield cls(replay, model, mujoco.MjData(model), renderer, at_q)
+            context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
+            mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, context)
+            yield cls(replay, model, mujoco.MjData(model), mujoco.MjvScene(model, GEOMS), context, (width, height))
+            context.free()
         finally:
-            renderer.close()
+            canvas.free()
 
     def draw(self, time: float) -> Array:
         """The machine at a time, shape (height, width, 3), 0 to 255."""
         mujoco, replay = load_mujoco(), self.replay
         now = min(int(np.searchsorted(replay.times, time)), len(replay.times) - 1)
         self.data.qpos[:7] = replay.poses[now]
-        self.data.qpos[self.at_q] = replay.trajectory(min(replay.times[now], replay.trajectory.duration))[0]
+        q = replay.trajectory(min(replay.times[now], replay.trajectory.duration))[0]
+        for name, value in zip(replay.machine.joint_names, q, strict=True):
+            self.data.joint(name).qpos = value
         mujoco.mj_forward(self.model, self.data)
-        self.renderer.update_scene(self.data, camera="view")
-        return np.asarray(self.renderer.render())
+        camera = mujoco.MjvCamera()
+        camera.type, camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED.value, self.model.camera("view").id
+        everything = mujoco.mjtCatBit.mjCAT_ALL.value
+        mujoco.mjv_updateScene(self.model, self.data, mujoco.MjvOption(), None, camera, everything, self.scene)
+        width, height = self.size
+        pixels = np.empty((height, width, 3), dtype=np.uint8)
+        whole = mujoco.MjrRect(0, 0, width, height)
+        mujoco.mjr_render(whole, self.scene, self.context)
+        mujoco.mjr_readPixels(pixels, None, whole, self.context)
+        return np.ascontiguousarray(pixels[::-1])  # OpenGL's rows run upwards
 
 
 def _furnish(mujoco: Any, spec: Any, replay: Replay, solids: Sequence[Solid], aspect: float) -> None:
