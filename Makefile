@@ -31,9 +31,10 @@ check: venv  ## linter, formatter, types
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy --strict zmp_sqp
 
-bench: venv  ## speed and robustness, printed as tables
+bench: venv  ## speed, robustness and agreement with physics, printed as tables
 	$(BIN)/python -m benchmarks.speed
 	$(BIN)/python -m benchmarks.random_problems
+	$(BIN)/python -m benchmarks.replay
 
 clean:  ## remove the virtual environment and everything made by these targets
 	rm -rf .venv out dist build .pytest_cache .hypothesis .mypy_cache .ruff_cache
