@@ -60,6 +60,8 @@ def test_the_phase_plane_tips_the_papers_machine_over_and_ours_does_not(point_ma
     assert stands.slide < STANDS
     assert np.isnan(stands.lifted_at)
     assert stands.tracking_error < 1e-6
+    assert stands.times[-1] == pytest.approx(planned.duration + 1.0, abs=2e-3)  # it is watched at rest, too
+    assert stands.loads[-1].sum() == pytest.approx(-machine.mass * ground.gravity()[2], rel=1e-4)
 
 
 def test_a_margin_keeps_load_on_the_upper_track() -> None:

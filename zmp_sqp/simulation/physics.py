@@ -16,6 +16,7 @@ from zmp_sqp.simulation.outcome import Replay
 __all__ = ["replay"]
 
 SETTLING = 0.5  # [s] at rest before the motion
+AT_REST = 1e-5  # [rad/s or m/s] of a motion's end: what plans leave of zero is less
 LONGEST_STEP = 5e-3  # [s] of the simulation: half of the rigid contacts' time constant
 FALLEN = np.cos(np.pi / 4)  # cosine of the tilt at which a replay ends
 
@@ -38,8 +39,8 @@ def replay(
 
     takes them to the trajectory's next positions, whatever that costs. So it is the motion that is judged, not a
     controller. The undercarriage is a free rigid body on feet at the corners of the support polygon, of friction high
-    enough not to slide, as the zero moment point takes for granted; where `Replay.slide` says that it did slide with a
-    lower one, lifts are not to be trusted: MuJoCo's contacts push sliding bodies upwards.
+    enough not to slide, as the zero moment point takes for granted. With a lower one, `Replay.slide` says how far the
+    motion is from that; point feet turn about a corner that carries the machine alone, which tracks do not.
 
     Args:
         machine: With a support polygon; the trajectory must be of its joints.
@@ -60,7 +61,7 @@ def replay(
     _check(machine, trajectory, ground)
     h = _setting(time_step, name="time_step", least=1e-6, most=LONGEST_STEP)
     rest = _setting(hold, name="hold", least=0.0, most=3600.0)
-    if np.any(trajectory.velocities[-1]):
+    if np.abs(trajectory.velocities[-1]).max() > AT_REST:
         rest = 0.0  # it would stop with a blow
     grip = _setting(friction, name="friction", least=0.0, most=1e3)
     soft = _setting(sinkage, name="sinkage", least=0.0, most=1.0)
@@ -68,7 +69,6 @@ def replay(
         raise ProblemError(f"a sinkage of {soft:g} m is too little for a time_step of {h:g} s: shorten it, or give 0")
     mujoco = load_mujoco()
     model = multibody_spec(machine, ground, time_step=h, friction=(grip, grip * 1.0), sinkage=soft).compile()
-    model.stat.meaninertia = machine.mass  # the solver's yardstick, which the drives' inertias must not stretch
     data = mujoco.MjData(model)
     joints = [model.joint(name) for name in machine.joint_names]
     at_q = np.array([joint.qposadr[0] for joint in joints])
