@@ -156,7 +156,11 @@ def main() -> int:
         ],
     )  # fmt: skip
     lifting = sum((row["margin"] < 0.0) == (row["lift"] > UNLOADED) for row in rows)
-    small = [row["rocking"] / row["lift"] for row in rows if 2.0 * UNLOADED < row["lift"] < 4.0 * LIFTED]
+    small = [
+        row["rocking"] / row["lift"]
+        for row in rows
+        if row["margin"] < 0.0 and 2.0 * UNLOADED < row["lift"] < 4.0 * LIFTED
+    ]
     wrong = sum(row["margin"] >= 0.0 and row["lift"] > LIFTED for row in rows)
     summary = {
         "recipe": recipe.name, "count": options.count, "motions": len(rows), "counts": counts,
