@@ -1,4 +1,4 @@
-"""Command line: `zmp-sqp plan SCENARIO`, `zmp-sqp paper`, `zmp-sqp replay SCENARIO_OR_CSV`."""
+"""Command line: `zmp-sqp plan`, `zmp-sqp paper`, `zmp-sqp check`, `zmp-sqp replay`."""
 
 from __future__ import annotations
 
@@ -15,11 +15,12 @@ from typing import Any
 import numpy as np
 
 from zmp_sqp import __version__
+from zmp_sqp.check_command import add_check
 from zmp_sqp.errors import ZmpSqpError
 from zmp_sqp.paper_command import PAPER_FILES, PAPER_KEYS, run_paper
-from zmp_sqp.planning import Plan, Problem, Trajectory, phase_plane, plan
+from zmp_sqp.planning import Plan, Problem, Trajectory, diagnose, phase_plane, plan
 from zmp_sqp.plots import joint_unit, plot_joints, plot_zmp
-from zmp_sqp.replay_command import REPLAY_FILES, REPLAY_KEYS, run_replay
+from zmp_sqp.replay_command import add_replay
 from zmp_sqp.report import RESULT_KEYS, history_table, joint_table, make_result, summary_table
 from zmp_sqp.scenario import load_scenario, shipped_scenarios
 
@@ -73,7 +74,7 @@ def _parser() -> argparse.ArgumentParser:
         description="Minimum-time motions of heavy mobile manipulators that do not tip over.",
         epilog=(
             "examples:\n  zmp-sqp plan paper_1 --out out/paper_1\n  zmp-sqp plan --help\n"
-            f"  zmp-sqp paper --out out/paper\n\n{shipped}\n{EXIT_CODES}"
+            f"  zmp-sqp paper --out out/paper\n  zmp-sqp check --help\n\n{shipped}\n{EXIT_CODES}"
         ),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -103,9 +104,14 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--intervals", type=int, metavar="N", help="of the time grid (default: the scenario's)")
     command.add_argument("--margin", type=float, metavar="M", help="[m] from ZMP to edges (default: the scenario's)")
     command.add_argument("--no-figures", dest="figures", action="store_false", help="write no figures")
+    command.add_argument(
+        "--no-diagnosis", dest="diagnosis", action="store_false",
+        help="where no motion is found, do not look for a payload or a slope that would do",
+    )  # fmt: skip
     command.add_argument("--verbose", action="store_true", help="print every iteration of the SQP")
     _add_paper(commands)
-    _add_replay(commands, shipped)
+    add_check(commands, EXIT_CODES)
+    add_replay(commands, f"{shipped}\n", EXIT_CODES)
     return parser
 
 
@@ -139,50 +145,6 @@ def _add_paper(commands: Any) -> None:
     )
     command.add_argument("--no-ladder", dest="ladder", action="store_false", help="leave the ladder out")
     command.add_argument("--no-figures", dest="figures", action="store_false", help="write no figures")
-
-
-def _add_replay(commands: Any, shipped: str) -> None:
-    command = commands.add_parser(
-        "replay",
-        help="replay a motion in a physics engine: does the machine tip over?",
-        description=(
-            "The machine stands free on its slope in MuJoCo, under contact and friction, and follows the motion: of\n"
-            "a scenario the planned one and, beside it, the one that knows no ZMP; or the one of a CSV file."
-        ),
-        epilog=(
-            "examples:\n"
-            "  zmp-sqp replay paper_1 --out out/replay     table, picture strip\n"
-            "  zmp-sqp replay out/paper_1/trajectory.csv   a file that `plan paper_1 --out out/paper_1` wrote\n"
-            "  zmp-sqp replay my.csv --scenario my_machine.toml --video --out out/mine\n\n"
-            f"{shipped}\n{REPLAY_KEYS}\n{EXIT_CODES}"
-        ),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    command.set_defaults(run=_replay)
-    command.add_argument(
-        "source", metavar="SCENARIO_OR_CSV", help="a scenario as `plan` takes it, or a trajectory's CSV"
-    )
-    command.add_argument("--scenario", metavar="SCENARIO", help="machine and ground of a CSV file")
-    command.add_argument("--margin", type=float, metavar="M", help="[m] from ZMP to edges (default: the scenario's)")
-    command.add_argument(
-        "--out", type=Path, metavar="DIR", help=f"write {', '.join(REPLAY_FILES)}, in place of old ones"
-    )
-    command.add_argument(
-        "--json", metavar="FILE", help="write the results; - is standard output, with nothing else there"
-    )
-    command.add_argument("--video", action="store_true", help=f"write {REPLAY_FILES[-1]} too; it takes a while")
-    command.add_argument("--no-pictures", dest="pictures", action="store_false", help="draw nothing")
-    command.add_argument(
-        "--time-step", type=float, default=1e-3, metavar="S", help="[s] of the physics (default: 0.001)"
-    )
-
-
-def _replay(arguments: argparse.Namespace) -> int:
-    stands = run_replay(
-        arguments.source, scenario=arguments.scenario, margin=arguments.margin, out=arguments.out,
-        json_file=arguments.json, pictures=arguments.pictures, video=arguments.video, time_step=arguments.time_step,
-    )  # fmt: skip
-    return DONE if stands else UNSAFE
 
 
 def _count(text: str) -> int:
@@ -225,7 +187,12 @@ def _plan(arguments: argparse.Namespace) -> int:
     console.print(summary_table(result))
     if found.success:
         console.print(joint_table(result, joint_unit(problem.machine)))
-    console.print(found.message, style=None if found.success else "bold red", soft_wrap=True)
+    if not found.success and arguments.diagnosis:
+        with console.status("looking for what would be possible ...") as status:
+            said = diagnose(found, progress=lambda words: status.update(f"trying {words} ..."))
+        result["diagnosis"] = {"largest_payload": said.largest_payload, "steepest_slope": said.steepest_slope}
+        result["message"] = said.message
+    console.print(result["message"], style=None if found.success else "bold red", soft_wrap=True)
     if arguments.out is not None:
         for line in _write(arguments.out, found, baseline, result, figures=arguments.figures):
             console.print(line, soft_wrap=True)

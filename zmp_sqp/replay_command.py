@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
@@ -21,7 +22,7 @@ from zmp_sqp.simulation.pictures import draw_strip, draw_video
 if TYPE_CHECKING:
     from rich.table import Table
 
-__all__ = ["REPLAY_FILES", "REPLAY_KEYS", "replay_result", "run_replay"]
+__all__ = ["REPLAY_FILES", "REPLAY_KEYS", "add_replay", "replay_result", "run_replay"]
 
 REPLAY_FILES = ("replay.json", "replay.png", "replay.gif")  # what `--out` writes, the last one with --video
 PLANNED, FROM_FILE, BASELINE = "planned", "file", "phase plane"
@@ -37,21 +38,57 @@ REPLAY_KEYS = """\
 """
 
 
-def run_replay(
-    source: str, *, scenario: str | None, margin: float | None, out: Path | None, json_file: str | None,
-    pictures: bool, video: bool, time_step: float,
-) -> bool:  # fmt: skip
-    """Replay a scenario's motions or a file's, print and write everything; whether the motion was found and stands."""
+def add_replay(commands: Any, shipped: str, exit_codes: str) -> None:
+    """Add the subcommand to an argparse parser's subcommands."""
+    command = commands.add_parser(
+        "replay",
+        help="replay a motion in a physics engine: does the machine tip over?",
+        description=(
+            "The machine stands free on its slope in MuJoCo, under contact and friction, and follows the motion: of\n"
+            "a scenario the planned one and, beside it, the one that knows no ZMP; or the one of a CSV file."
+        ),
+        epilog=(
+            "examples:\n"
+            "  zmp-sqp replay paper_1 --out out/replay     table, picture strip\n"
+            "  zmp-sqp replay out/paper_1/trajectory.csv   a file that `plan paper_1 --out out/paper_1` wrote\n"
+            "  zmp-sqp replay my.csv --scenario my_machine.toml --video --out out/mine\n\n"
+            f"{shipped}{REPLAY_KEYS}\n{exit_codes}"
+        ),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    command.set_defaults(run=run_replay)
+    command.add_argument(
+        "source", metavar="SCENARIO_OR_CSV", help="a scenario as `plan` takes it, or a trajectory's CSV"
+    )
+    command.add_argument("--scenario", metavar="SCENARIO", help="machine and ground of a CSV file")
+    command.add_argument("--margin", type=float, metavar="M", help="[m] from ZMP to edges (default: the scenario's)")
+    command.add_argument(
+        "--out", type=Path, metavar="DIR", help=f"write {', '.join(REPLAY_FILES)}, in place of old ones"
+    )
+    command.add_argument(
+        "--json", metavar="FILE", help="write the results; - is standard output, with nothing else there"
+    )
+    command.add_argument("--video", action="store_true", help=f"write {REPLAY_FILES[-1]} too; it takes a while")
+    command.add_argument("--no-pictures", dest="pictures", action="store_false", help="draw nothing")
+    command.add_argument(
+        "--time-step", type=float, default=1e-3, metavar="S", help="[s] of the physics (default: 0.001)"
+    )
+
+
+def run_replay(arguments: argparse.Namespace) -> int:
+    """Replay, print, write; 0 if the motion was found and stands, 1 if not."""
     from rich.console import Console
 
     load_mujoco()  # says what is missing before the work, not after it
-    name, title, problem, motions, message = _motions(source, scenario, margin)
+    name, title, problem, motions, message = _motions(arguments.source, arguments.scenario, arguments.margin)
+    out, json_file = arguments.out, arguments.json
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
         for file in REPLAY_FILES:
             (out / file).unlink(missing_ok=True)
     replays = {
-        label: replay(problem.machine, motion, problem.ground, time_step=time_step) for label, motion in motions.items()
+        label: replay(problem.machine, motion, problem.ground, time_step=arguments.time_step)
+        for label, motion in motions.items()
     }
     result: dict[str, Any] = {
         "scenario": name, "title": title, "message": message,
@@ -66,14 +103,14 @@ def run_replay(
     if out is not None:
         (out / "replay.json").write_text(text, encoding="utf-8")
         console.print(f"wrote {out / 'replay.json'}", soft_wrap=True)
-        for line in _draw(replays, out, video=video) if pictures else ():
+        for line in _draw(replays, out, video=arguments.video) if arguments.pictures else ():
             console.print(line, soft_wrap=True)
     if json_file == "-":
         print(text, end="")
     elif json_file is not None:
         Path(json_file).write_text(text, encoding="utf-8")
         console.print(f"wrote {json_file}", soft_wrap=True)
-    return message is None and not next(iter(replays.values())).tipped
+    return 0 if message is None and not next(iter(replays.values())).tipped else 1
 
 
 def replay_result(found: Replay) -> dict[str, Any]:

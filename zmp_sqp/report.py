@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rich.table import Table
     from rich.text import Text
 
-__all__ = ["RESULT_KEYS", "history_table", "joint_table", "make_result", "summary_table", "versions"]
+__all__ = ["RESULT_KEYS", "history_table", "joint_table", "key_table", "make_result", "summary_table", "versions"]
 
 PACKAGES = ("numpy", "scipy", "pin", "proxsuite", "piqp", "qpsolvers")  # whose versions a result names
 RESULT_KEYS = """\
@@ -34,6 +34,7 @@ RESULT_KEYS = """\
   qp_solver                 the QP solver that was asked for
   phase_plane               duration and margin of the motion that knows no ZMP;
                             null if the start or the goal is in motion, or the base drives
+  diagnosis                 without success: largest_payload [kg], steepest_slope [rad]; or null
   joints                    by name: peak_rate, rate_limit, peak_acceleration, acceleration_limit
   versions                  of Python, of this package and of what it stands on
 """
@@ -54,6 +55,7 @@ def make_result(scenario: Scenario, found: Plan, baseline: Trajectory | None, qp
         "solve_time": found.solve_time,
         "qp_solver": qp_solver,
         "phase_plane": None if baseline is None else _baseline_result(found.problem, baseline),
+        "diagnosis": None,
         "joints": _joint_peaks(found.problem, found.trajectory) if found.success else None,
         "versions": versions(),
     }
@@ -94,6 +96,14 @@ def summary_table(result: Mapping[str, Any]) -> Table:
     table.add_row("SQP iterations", str(result["iterations"]))
     table.add_row("solve time [ms]", _number(1e3 * result["solve_time"], 1))
     table.add_row("QP solver", result["qp_solver"])
+    return table
+
+
+def key_table(values: Mapping[str, float | None]) -> Table:
+    """One number per row, by its name."""
+    table = _table("", "")
+    for name, value in values.items():
+        table.add_row(name, _number(value))
     return table
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from zmp_sqp.arrays import Array
 from zmp_sqp.mechanics.machine import Machine
 
-__all__ = ["WrenchBound", "wrench_curvature_bound", "wrench_size_bound"]
+__all__ = ["WrenchBound", "wrench_bounds", "wrench_curvature_bound", "wrench_size_bound"]
 
 ORDERS = 5  # positions up to the fourth derivative: the wrench holds the second one, and is differentiated twice
 
@@ -60,7 +60,7 @@ def wrench_curvature_bound(
         base: Largest |speed|, |acceleration| and |jerk| along the heading, and |yaw rate|, |yaw acceleration| and |yaw
             jerk|, shape (2, 3, K), of a root that drives and turns in a plane; None stands still.
     """
-    return _bound(machine, (reach, v, a, j), gravity, base, order=2)
+    return wrench_bounds(machine, v, a, j, reach=reach, gravity=gravity, base=base)[1]
 
 
 def wrench_size_bound(
@@ -71,29 +71,28 @@ def wrench_size_bound(
     It is the sum of the absolute values of all that inverse dynamics adds up, so that rounding errors are a small
     multiple of machine precision times this.
     """
-    return _bound(machine, (reach, v, a, j), gravity, base, order=0)
+    return wrench_bounds(machine, v, a, j, reach=reach, gravity=gravity, base=base)[0]
 
 
-def _bound(
-    machine: Machine, motion: tuple[Array, ...], gravity: float, base: Array | None, *, order: int
-) -> WrenchBound:
+def wrench_bounds(
+    machine: Machine, v: Array, a: Array, j: Array, *, reach: Array, gravity: float, base: Array | None = None
+) -> tuple[WrenchBound, WrenchBound]:
+    """Both `wrench_size_bound` and `wrench_curvature_bound`, for little more than one of them."""
     model = machine.model
-    count = len(motion[0])
+    count = len(v)
     zero = np.zeros(count)
     rates = np.zeros((ORDERS + 1, model.nv, count))  # [0] coordinate, [1] rate, ...
-    for k, values in enumerate(motion):
+    for k, values in enumerate((reach, v, a, j)):
         rates[k, machine.index_v] = values.T
     along, yaw = ([*part, zero] for part in (np.zeros((2, 3, count)) if base is None else base))
     spin: list[list[Array]] = [yaw]  # |w^(k)|, k = 0..3, of the root: the same as of what it hangs on
     place: list[list[Array]] = [[zero] * ORDERS]  # |(p - o)^(k)|, k = 0..4, of the joint origins
     heading = _turning(yaw)
     drive = [_leibniz(along, heading, k) for k in (1, 2, 3)]  # |o^(k)|, k = 2..4: o' is speed times heading
-    weights = {order: np.ones(count)}  # of |W^(k)| in axes that stand still, for the wrench in root axes
-    if order == 2 and base is not None:
-        weights |= {1: 2.0 * yaw[0], 0: yaw[1] + yaw[0] ** 2}
+    orders = (0, 2) if base is None else (0, 1, 2)
     unit: list[list[Array]] = [heading]  # |u^(k)| of a unit vector fixed in the body
     largest = [float(value) for value in np.linalg.eigvalsh([body.inertia for body in model.inertias])[:, -1]]
-    force, moment = np.zeros(count), np.zeros(count)
+    force, moment = (dict.fromkeys(orders, zero) for _ in range(2))  # |f^(k)|, |tau^(k)| in axes that stand still
     for joint in range(1, model.njoints):
         parent = model.parents[joint]
         turned = unit[parent]
@@ -116,16 +115,20 @@ def _bound(
         lever = float(np.linalg.norm(inertia.lever))
         centre = [origin[k] + body[k] * lever for k in range(ORDERS)]
         push = [centre[2] + drive[0] + gravity, centre[3] + drive[1], centre[4] + drive[2]]
-        for k, weight in weights.items():
-            force += weight * inertia.mass * push[k]
-            moment += weight * inertia.mass * _leibniz(centre, push, k)
+        for k in orders:
+            force[k] = force[k] + inertia.mass * push[k]
+            moment[k] = moment[k] + inertia.mass * _leibniz(centre, push, k)
         if largest[joint] > 0.0:
             tensor = [np.full(count, largest[joint])]
             for k in range(3):
                 tensor.append(2.0 * _leibniz(own, tensor, k))
-            for k, weight in weights.items():
-                moment += weight * _leibniz(tensor, own, k + 1)
-    return WrenchBound(force, moment)
+            for k in orders:
+                moment[k] = moment[k] + _leibniz(tensor, own, k + 1)
+    if base is None:
+        return WrenchBound(force[0], moment[0]), WrenchBound(force[2], moment[2])
+    once, none = 2.0 * yaw[0], yaw[1] + yaw[0] ** 2  # what turning root axes add
+    second = (part[2] + once * part[1] + none * part[0] for part in (force, moment))
+    return WrenchBound(force[0], moment[0]), WrenchBound(*second)
 
 
 def _turning(spin: list[Array]) -> list[Array]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,8 @@ class SupportPolygon:
     Attributes:
         vertices: Corners in the root frame, counter-clockwise seen from above, strictly convex, shape (V, 2) [m].
         height: z of the plane in the root frame [m].
+        normals: Outward unit normals e_i of the edges, shape (V, 2).
+        offsets: Offsets b_i of the edges from the root origin along their normals, shape (V,) [m].
 
     Raises:
         MachineError: Fewer than three vertices, not finite, repeated, clockwise or not convex; the message names the
@@ -33,6 +35,8 @@ class SupportPolygon:
 
     vertices: Array
     height: float = 0.0
+    normals: Array = field(init=False, repr=False)
+    offsets: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         vertices = frozen_array(self.vertices, name="support vertices", shape=(None, 2), error=MachineError)
@@ -61,6 +65,10 @@ class SupportPolygon:
         ):  # a star turns left all the way, but twice round
             at = vertices[edge].tolist()
             raise MachineError(f"support polygon crosses itself: before vertex {edge} at {at} it has gone full circle")
+        outward = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
+        offsets = np.einsum("ij,ij->i", outward, vertices)
+        for name, values in (("normals", outward), ("offsets", offsets)):
+            object.__setattr__(self, name, frozen_array(values, name=name, shape=values.shape, error=MachineError))
 
     @classmethod
     def convex_hull(cls, points: Any, height: float = 0.0) -> SupportPolygon:
@@ -89,18 +97,6 @@ class SupportPolygon:
             if keep.sum() < 3:
                 raise MachineError(f"{len(points)} contact points span no support polygon: they lie on one line")
             hull = hull[keep]
-
-    @property
-    def normals(self) -> Array:
-        """Outward unit normals e_i of the edges, shape (V, 2)."""
-        edges = np.roll(self.vertices, -1, axis=0) - self.vertices
-        outward = np.column_stack([edges[:, 1], -edges[:, 0]])
-        return np.asarray(outward / np.linalg.norm(edges, axis=1)[:, None])
-
-    @property
-    def offsets(self) -> Array:
-        """Offsets b_i of the edges from the root origin along their normals, shape (V,) [m]."""
-        return np.asarray(np.einsum("ij,ij->i", self.normals, self.vertices))
 
     def edge_name(self, index: int) -> str:
         """Name of an edge for people: 'front', 'left', 'rear', 'right' on rectangles, 'edge i' otherwise."""

@@ -11,7 +11,7 @@ from zmp_sqp.arrays import Array, finite_number, frozen_array
 from zmp_sqp.errors import MachineError, ProblemError, TrajectoryError
 from zmp_sqp.mechanics.ground import Ground, Slope
 from zmp_sqp.mechanics.machine import Machine
-from zmp_sqp.mechanics.motion_bounds import WrenchBound, wrench_curvature_bound, wrench_size_bound
+from zmp_sqp.mechanics.motion_bounds import WrenchBound, wrench_bounds, wrench_curvature_bound
 from zmp_sqp.mechanics.wrench import ground_reaction
 from zmp_sqp.planning.double_integrator import minimum_time
 from zmp_sqp.planning.limits_in_time import limit_excess
@@ -25,8 +25,9 @@ __all__ = ["Certificate", "certify"]
 STRETCHES = 6  # per interval to begin with
 LONGEST = 0.05  # [s] of a stretch to begin with
 FIRST = 20_000  # stretches to begin with, however long the motion is
-SPLIT = 4  # parts into which a stretch is cut whose bound is too loose
+MOST_PARTS = 16  # into which a stretch is cut whose bound is too loose
 MAX_STATES = 200_000  # looked at before the bound is left as loose as it is
+HEADROOM = 1.2  # by which more parts are made than a bound that falls with the square of the length asks for
 LOOSE = 2e-4  # [m] by which the guaranteed margin may fall short of the sampled one
 ROUNDING = 1e-9  # [m] taken off for floating point, on top of what is proven of inverse dynamics
 OPERATIONS = 100.0  # roundings that add up in a wrench: at most ten per joint and factor, and to spare
@@ -50,6 +51,7 @@ class Certificate:
         gap: duration / lower bound - 1: how much longer than the fastest motion that only knows the joint limits; zero
             where there is no bound (a limit is missing, or the rates at the ends break one).
         required: Margin that was asked for [m].
+        corner: The payload and slope for which the margin is least, in words; empty where nothing is uncertain.
     """
 
     margin: float
@@ -60,6 +62,7 @@ class Certificate:
     limit_excess: float
     gap: float
     required: float
+    corner: str = ""
 
     @property
     def safe(self) -> bool:
@@ -96,8 +99,8 @@ def certify(
     _check(machine, trajectory, ground)
     required = finite_number(margin, name="margin", error=ProblemError)
     gravity = frozen_array(ground.gravity(), name="gravity", shape=(3,), error=ProblemError)
-    excess = limit_excess(machine, trajectory)
-    kept = limit_excess(machine, trajectory, relative_below=1.0) <= LIMIT_TOLERANCE
+    excess, relative = limit_excess(machine, trajectory)
+    kept = relative <= LIMIT_TOLERANCE
     if trajectory.base is not None and not isinstance(ground, Slope):
         raise ProblemError(f"a moving base is certified on a Slope, not on {type(ground).__name__}")
     if base is not None:
@@ -113,20 +116,26 @@ def certify(
     length = (1.0 / parts)[interval]
     sampled, at, edge, guaranteed, states = np.inf, 0.0, 0, np.inf, 0
     with np.errstate(all="ignore"):  # what overflows is not guaranteed
-        rounding = _rounding(machine, trajectory, float(np.linalg.norm(gravity)))
+        rounding, curvature = _bounds_of_intervals(machine, trajectory, float(np.linalg.norm(gravity)))
+        whole = curvature if steps.max() <= STRETCHES * LONGEST else None
         while len(interval):
-            found = _stretches(machine, trajectory, gravity, interval, share, length, rounding)
+            found = _stretches(machine, trajectory, gravity, interval, share, length, rounding, whole)
             states += len(interval)
             worst = int(np.argmin(found.least))
             if found.least[worst] < sampled:
                 sampled, at, edge = float(found.least[worst]), float(found.at[worst]), int(found.edge[worst])
             undecided = (found.bound < required) & (found.least >= required)
             loose = (undecided | (found.bound < sampled - LOOSE)) & (found.bound < found.reachable - ROUNDING)
-            if states + SPLIT * int(loose.sum()) > MAX_STATES or not np.isfinite(sampled):
+            enough = np.where(undecided, np.maximum(required, sampled - LOOSE), sampled - LOOSE)
+            parts = np.ceil(np.sqrt(HEADROOM * (found.least - found.bound) / (found.least - enough)))
+            parts = np.clip(np.nan_to_num(parts, nan=MOST_PARTS), 2, MOST_PARTS).astype(int)
+            if states + int(parts[loose].sum()) > MAX_STATES or not np.isfinite(sampled):
                 loose[:] = False
             guaranteed = min(guaranteed, float(found.bound[~loose].min(initial=np.inf)))
-            interval, length = np.repeat(interval[loose], SPLIT), np.repeat(length[loose] / SPLIT, SPLIT)
-            share = np.repeat(share[loose], SPLIT) + length * np.tile(np.arange(SPLIT), int(loose.sum()))
+            parts = parts[loose]
+            interval, length = np.repeat(interval[loose], parts), np.repeat(length[loose] / parts, parts)
+            number = np.arange(len(length)) - np.repeat(np.cumsum(parts) - parts, parts)
+            share = np.repeat(share[loose], parts) + length * number
     bound = max(_kinematic_bound(machine, trajectory), 0.0 if base is None else base.least_duration)
     return Certificate(
         margin=guaranteed - ROUNDING, margin_at=at, edge=edge, sampled=sampled, limits_ok=kept,
@@ -174,29 +183,48 @@ class _Stretches:
     reachable: Array
 
 
-def _rounding(machine: Machine, trajectory: Trajectory, gravity: float) -> WrenchBound:
-    """Largest rounding errors of the wrenches that are looked at in each of the N intervals, (N,) each.
+def _bounds_of_intervals(machine: Machine, trajectory: Trajectory, gravity: float) -> tuple[WrenchBound, WrenchBound]:
+    """Largest rounding errors of the wrenches in each of the N intervals and their second derivatives, (N,) each.
 
-    Relative to the sum of the absolute values of all that adds up, within an interval from its start; a rounded angle
-    turns everything beyond its joint.
+    Rounding is relative to the sum of the absolute values of all that adds up, within an interval from its start; a
+    rounded angle turns everything beyond its joint.
     """
-    q, v = np.abs(trajectory.positions[:-1]), np.abs(trajectory.velocities[:-1])
-    a, j, h = np.abs(trajectory.accelerations), np.abs(trajectory.jerks), np.diff(trajectory.times)[:, None]
-    v, a = v + h * a + 0.5 * h**2 * j, a + h * j
-    q = q + h * v
-    base, turned = None, np.zeros(len(q))
+    count, h = trajectory.intervals, np.diff(trajectory.times)
+    j, step = np.abs(trajectory.jerks), h[:, None]
+    a = np.abs(trajectory.accelerations)
+    v, a = np.abs(trajectory.velocities[:-1]) + step * a + 0.5 * step**2 * j, a + step * j
+    q = np.abs(trajectory.positions[:-1]) + step * v
+    base, turned = None, np.zeros(count)
     if trajectory.base is not None:
-        base = trajectory.base.peaks(np.arange(len(q)), np.zeros(len(q)), h[:, 0])
-        turned = np.abs(trajectory.base.poses[:-1, 2]) + h[:, 0] * base[1, 0]
-    size = wrench_size_bound(machine, v, a, j, reach=q, gravity=gravity, base=base)
+        base = trajectory.base.peaks(np.arange(count), np.zeros(count), h)
+        turned = np.abs(trajectory.base.poses[:-1, 2]) + h * base[1, 0]
+    ends = trajectory.state_in(np.tile(np.arange(count), 2), np.concatenate([np.zeros(count), h]))
+    peaks = _peaks(ends, j, step)
+    twice = None if base is None else np.concatenate([base, base], axis=2)
+    reach, v, a, j = (np.vstack(pair) for pair in zip((q, v, a, j), (*peaks, j), strict=True))
+    size, curvature = wrench_bounds(machine, v, a, j, reach=reach, gravity=gravity, base=twice)
     share = OPERATIONS * EPSILON * (1.0 + q.sum(axis=1) + turned)
-    return WrenchBound(share * size.force, share * size.moment)
+    return (
+        WrenchBound(share * size.force[:count], share * size.moment[:count]),
+        WrenchBound(curvature.force[count:], curvature.moment[count:]),
+    )
+
+
+def _peaks(ends: tuple[Array, ...], j: Array, delta: Array) -> tuple[Array, Array, Array]:
+    """Largest |coordinates|, |rates| and |accelerations| between two ends delta apart, stacked (2K, n); (K, n) each.
+
+    Rates are parabolas, so a middle point and the jerk give their largest value.
+    """
+    q, v, a = (np.abs(part).reshape(2, len(j), -1).max(axis=0) for part in ends)
+    v = v + 0.125 * delta**2 * j
+    return q + 0.5 * delta * v, v, a
 
 
 def _stretches(
     machine: Machine, trajectory: Trajectory, gravity: Array, interval: Any, share: Array, length: Array,
-    rounding: WrenchBound,
+    rounding: WrenchBound, whole: WrenchBound | None,
 ) -> _Stretches:  # fmt: skip
+    """Margins at the ends of the stretches and what holds inside; `whole`: curvature anywhere in the intervals."""
     support, h = machine.support, np.diff(trajectory.times)[interval]
     count = len(interval)
     # every start, and those ends that are not the next stretch's start
@@ -217,16 +245,16 @@ def _stretches(
     margins = -(wrench @ rows.T) / wrench[:, 2:3]
     known = (wrench[:, 2:3] > 0.0) & np.isfinite(margins)
     margins = np.where(known, margins, -np.inf).reshape(2, count, -1)
-    # bounds over the stretch: rates are parabolas, so a middle point and the jerk give their largest value
-    j = np.abs(trajectory.jerks[interval])
-    delta = (length * h)[:, None]
-    peak_a = np.abs(a).reshape(2, count, -1).max(axis=0)
-    peak_v = np.abs(v).reshape(2, count, -1).max(axis=0) + 0.125 * delta**2 * j
-    reach = np.abs(q).reshape(2, count, -1).max(axis=0) + 0.5 * delta * peak_v
-    base = None if trajectory.base is None else trajectory.base.peaks(interval, share * h, length * h)
-    g = float(np.linalg.norm(gravity))
-    curvature = wrench_curvature_bound(machine, peak_v, peak_a, j, reach=reach, gravity=g, base=base)
-    sag = 0.125 * delta[:, 0] ** 2
+    delta = length * h
+    if whole is None:
+        j = np.abs(trajectory.jerks[interval])
+        reach, most_v, most_a = _peaks((q, v, a), j, delta[:, None])
+        base = None if trajectory.base is None else trajectory.base.peaks(interval, share * h, delta)
+        g = float(np.linalg.norm(gravity))
+        curvature = wrench_curvature_bound(machine, most_v, most_a, j, reach=reach, gravity=g, base=base)
+    else:
+        curvature = WrenchBound(whole.force[interval], whole.moment[interval])
+    sag = 0.125 * delta**2
     least, normal_least = margins.min(axis=0), normal.min(axis=0)[:, None]  # (K, E), (K, 1)
 
     def less(off: WrenchBound) -> Array:

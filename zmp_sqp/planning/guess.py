@@ -83,7 +83,7 @@ def _worst(model: StageModel, start: Boundary, alpha: Array, duration: float, bo
     w = start.v * duration + np.vstack([np.zeros((1, alpha.shape[1])), np.cumsum(alpha, axis=0) / N])
     moved = (w[:-1] + 0.5 * alpha / N) / N
     q = start.q + np.vstack([np.zeros((1, alpha.shape[1])), np.cumsum(moved, axis=0)])
-    wrench = model.wrench(q[:-1], w[:-1], alpha, duration**2)
+    wrench = model.wrench(q[:-1], w[:-1], alpha, duration**2).reshape(-1, 6)
     if wrench[:, 2].min() <= 0.0:
         return np.inf
     return float((wrench @ bounds.wrench_rows.T / wrench[:, 2:3]).max())

@@ -11,15 +11,11 @@ from zmp_sqp.planning.trajectory import Trajectory
 __all__ = ["limit_excess"]
 
 
-def limit_excess(machine: Machine, trajectory: Trajectory, *, relative_below: float = 0.0) -> float:
+def limit_excess(machine: Machine, trajectory: Trajectory) -> tuple[float, float]:
     """Largest excess over any joint limit at any time, in closed form: rates are parabolas, positions cubics.
 
-    Limits that nobody has given (NaN) cannot be exceeded; without any it is -inf.
-
-    Args:
-        machine: Whose limits.
-        trajectory: The motion.
-        relative_below: Excesses over rate and acceleration limits below this are taken as shares of the limit.
+    Limits that nobody has given (NaN) cannot be exceeded; without any it is -inf. The second value is the same with
+    excesses over rate and acceleration limits below 1 taken as shares of the limit.
     """
     limits = machine.limits
     v, a, j = trajectory.velocities[:-1], trajectory.accelerations, trajectory.jerks
@@ -29,22 +25,22 @@ def limit_excess(machine: Machine, trajectory: Trajectory, *, relative_below: fl
         root = np.sqrt(a**2 - 2.0 * j * v)  # where the rate vanishes and the position is extreme, stably
         pivot = -(a + np.where(a >= 0.0, root, -root))
         inner = [_at(trajectory, since, h) for since in (turn, 2.0 * v / pivot, pivot / j, h)]
-        places = [trajectory.positions, *(place for place, _ in inner)]
-        rates = [np.abs(trajectory.velocities), *(np.abs(rate) for _, rate in inner)]
-        pushes = [np.abs(a), np.abs(trajectory.end_accelerations)]
-        excesses = [
-            *(_excess(rate, limits.velocity, relative_below) for rate in rates),
-            *(_excess(push, limits.acceleration, relative_below) for push in pushes),
-            *(_excess(place, limits.position_upper, -np.inf) for place in places),
-            *(_excess(-place, -limits.position_lower, -np.inf) for place in places),
-        ]
-    return max(excesses)
+        places = np.vstack([trajectory.positions, *(place for place, _ in inner)])
+        rates = np.vstack([trajectory.velocities, *(rate for _, rate in inner)])
+        pushes = np.vstack([a, trajectory.end_accelerations])
+        over_places = max(
+            _excess(places.max(axis=0), limits.position_upper), _excess(-places.min(axis=0), -limits.position_lower)
+        )
+        peaks = np.concatenate([np.abs(rates).max(axis=0), np.abs(pushes).max(axis=0)])
+        bounds = np.concatenate([limits.velocity, limits.acceleration])
+        absolute = max(over_places, _excess(peaks, bounds))
+        relative = max(over_places, _excess(peaks, bounds, np.where(bounds < 1.0, bounds, 1.0)))
+    return absolute, relative
 
 
-def _excess(values: Array, bound: Array, relative_below: float) -> float:
-    """Largest of values - bound, shapes (K, n) and (n,); an overflow exceeds every limit that there is."""
-    over = (values - bound) / np.where(bound < relative_below, bound, 1.0)
-    over = np.nan_to_num(over, nan=np.inf, posinf=np.inf, neginf=-np.inf)
+def _excess(values: Array, bound: Array, unit: Array | float = 1.0) -> float:
+    """Largest of (values - bound) / unit, shape (n,); an overflow exceeds every limit that there is."""
+    over = np.nan_to_num((values - bound) / unit, nan=np.inf, posinf=np.inf, neginf=-np.inf)
     return float(np.where(np.isnan(bound) | (bound == np.inf), -np.inf, over).max())
 
 

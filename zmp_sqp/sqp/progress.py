@@ -30,8 +30,10 @@ def next_damping(damping: float, length: float) -> float:
 
 def nonlinear_weight(y: Array, A: Any, previous_A: Any) -> float:
     """Sum of the multipliers of equalities whose gradients have changed; linear ones have no curvature."""
+    if not y.any():
+        return 0.0
     skipped = A.shape[0] - len(y)
-    change = abs(A[skipped:] - previous_A[skipped:]).max(axis=1).toarray().ravel() if len(y) else np.zeros(0)
+    change = abs(A[skipped:] - previous_A[skipped:]).max(axis=1).toarray().ravel()
     return float(np.abs(y[change > 0.0]).sum())
 
 

@@ -15,7 +15,7 @@ from zmp_sqp.sqp.curvature import convexified
 from zmp_sqp.sqp.merit import Merit
 from zmp_sqp.sqp.nlp import Evaluation, Linearization, NonlinearProgram
 from zmp_sqp.sqp.progress import LEAST_DAMPING, creeps, kkt_error, next_damping, nonlinear_weight
-from zmp_sqp.sqp.restoration import restored
+from zmp_sqp.sqp.restoration import CONTRACTION, restored
 from zmp_sqp.sqp.result import IterationRecord, SQPResult, SQPStatus
 from zmp_sqp.sqp.subproblem import Model, Multipliers, Step, Subproblem
 
@@ -74,7 +74,8 @@ class SQP:
       (the relaxed QP weighs feasibility against the length of the step); a QP that fails even when relaxed is damped,
       too. Then the run ends. It also ends where ten feasible steps have lowered the objective by less than a millionth.
     * While the objective stands at its proven bound, any feasible point is as good as another, so the tie breaker is
-      left out and steps are the shortest ones that meet the linearised constraints.
+      left out, steps are the shortest ones that meet the linearised constraints, and a full step that leaves less
+      than a third of the largest violation is taken: violations fall geometrically as long as that goes on.
     * It stops at a feasible point when the objective stands at its proven bound, when the Lagrangian's gradient and the
       complementarity products vanish, or when the QP predicts no decrease; never because steps are short: minimum time
       leaves joints with slack undetermined.
@@ -152,7 +153,8 @@ class SQP:
                     continue
             weight = float(z[nonlinear].sum()) + nonlinear_weight(y, lin.A, previous_A)
             curved = merit.breaks_ties and weight > settings.curvature_from
-            subproblem = Subproblem(lin, nonlinear, self.backend, self.fallback)
+            misses = nonlinear if merit.breaks_ties else np.ones_like(nonlinear)
+            subproblem = Subproblem(lin, nonlinear, self.backend, self.fallback, misses=misses)
             accepted, stationary = None, False
             for curvature in (True, False) if curved else (False,):
                 model = self._model(nlp, x, y, z, subproblem, merit.gradient(lin), curvature=curvature, damping=damping)
@@ -242,6 +244,9 @@ class SQP:
         slope = ARMIJO_SLOPE * max(merit.predicted_decrease(lin, step.dx), 0.0)
         noise = ROUNDING * max(1.0, abs(start))
         full = nlp.linearize(x + step.dx)  # nearly always accepted, so its derivatives are not wasted
+        contracted = full.at.is_finite() and full.at.violation <= CONTRACTION * lin.at.violation
+        if not merit.breaks_ties and contracted and nlp.optimality_gap(x + step.dx) <= self.settings.optimality:
+            return x + step.dx, full, 1.0, False
         if merit.value(full.at) <= start - slope + noise:
             return x + step.dx, full, 1.0, False
         if full.at.is_finite() and full.at.violation > lin.at.violation:

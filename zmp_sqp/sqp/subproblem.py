@@ -22,7 +22,7 @@ Multipliers = tuple[Array, Array]
 PRIMAL_TOLERANCE = 1e-7  # of a QP solution that is believed, scaled units
 DUAL_TOLERANCE = 1e-5  # likewise
 SCREEN = 0.05  # rows closer to their bound than this are in the first working set
-MISSED = 0.1  # of the current violation: nonlinear rows that a step misses by less wait for the next linearisation
+MISSED = 0.1  # of the current violation: rows that a step misses by less wait for the next linearisation
 ADDED = 1e-9  # rows that a screened solution violates by more join the working set
 MAX_ROUNDS = 12  # of adding violated rows
 LARGE = 300  # rows from which on the fallback is faster, docs/notes.md; ProxQP aborts the process at some thousands
@@ -79,14 +79,18 @@ class Subproblem:
 
     Condensed and screened: dx = d + Z dy with the linearisation's basis, and only rows near their bounds take part;
     rows that the solution violates join until there are none, but for nonlinear rows that it misses by little against
-    the violation now; so that near a solution the answer is that of the full QP. A condensed QP that the first backend
-    does not finish, or whose working set outgrows it, goes to the fallback: whole and sparse, all rows at once, where
-    the Hessian allows that; condensed otherwise.
+    the violation now (any rows, where nothing is left to optimise); so that near a solution the answer is that of the
+    full QP. A condensed QP that the first backend does not finish, or whose working set outgrows it, goes to the
+    fallback: whole and sparse, all rows at once, where the Hessian allows that; condensed otherwise.
     """
 
-    def __init__(self, lin: Linearization, nonlinear: Mask, backend: QPBackend, fallback: QPBackend | None) -> None:
-        """Condense the linearisation if it has a basis."""
+    def __init__(
+        self, lin: Linearization, nonlinear: Mask, backend: QPBackend, fallback: QPBackend | None,
+        *, misses: Mask | None = None,
+    ) -> None:  # fmt: skip
+        """Condense the linearisation if it has a basis; `misses`: rows that may be missed by little."""
         self.lin, self.nonlinear = lin, nonlinear
+        self._misses = nonlinear if misses is None else misses
         self._backends = [backend] if fallback is None else [backend, fallback]
         self._for_whole = [b for b in self._backends if b.wants_sparse] if _spans_all(lin) else []
         self._handed_over = False
@@ -184,7 +188,7 @@ class Subproblem:
                 break
             over = np.where(working, 0.0, self.lin.C @ dx + self.lin.at.inequalities - t * self.nonlinear)
             added = over > ADDED
-            if not (over > np.where(self.nonlinear, max(ADDED, MISSED * self.lin.at.violation), ADDED)).any():
+            if not (over > np.where(self._misses, max(ADDED, MISSED * self.lin.at.violation), ADDED)).any():
                 break
             working = self._working = working | added
             if hands_over and self._is_large():
