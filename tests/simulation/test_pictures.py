@@ -65,10 +65,13 @@ def test_a_missing_pillow_says_how_to_install_it(
 
 def test_every_machine_has_something_to_draw() -> None:
     tree = zs.Payload(mass=4000.0, com=(0.0, 0.0, 3.3), frame="head", inertia=np.diag([21333.3, 21333.3, 125.0]))
-    buncher = zs.load_machine("feller_buncher").with_payload(tree).with_point_masses()
+    buncher = zs.load_machine("feller_buncher").with_payload(tree)
     *_, stem = machine_solids(buncher)
     assert stem.kind == "cylinder"
     assert stem.size == pytest.approx((0.25, 4.0), rel=0.01)  # radius and half length of the tree that was asked for
+    *_, point = machine_solids(buncher.with_point_masses())
+    assert point.kind == "cylinder"
+    assert point.size[1] == pytest.approx(3.3)  # from the head to as far beyond its centre of mass
     stranger = zs.load_machine("slewing_crane")
     assert {solid.joint for solid in machine_solids(stranger)} == {1, 2}
 

@@ -17,6 +17,7 @@ from zmp_sqp.mechanics.urdf_elements import read_shape
 __all__ = ["Solid", "machine_solids"]
 
 STEEL, WOOD = (0.35, 0.37, 0.40, 1.0), (0.55, 0.38, 0.22, 1.0)
+SLENDER = 0.03  # radius of a stem over its length, at least
 BAR, PLATE = 0.02, 0.2  # thickness as a share of the footprint's size, height of the bar machine's base [m]
 
 
@@ -98,15 +99,21 @@ def _bars(machine: Machine) -> Iterator[Solid]:
 
 
 def _payloads(machine: Machine) -> Iterator[Solid]:
-    """Uniform cylinders of the payloads' masses and moments of inertia, m r^2 / 2 and m (l^2 / 12 + r^2 / 4)."""
+    """Uniform cylinders of the payloads' masses and moments of inertia, m r^2 / 2 and m (l^2 / 12 + r^2 / 4).
+
+    A point mass is drawn as a stem that its frame holds at one end.
+    """
     for frame in machine.model.frames:
         if frame.type != pin.FrameType.OP_FRAME or frame.inertia.mass <= 0.0:
             continue
-        mass = frame.inertia.mass
+        mass, lever = frame.inertia.mass, np.array(frame.inertia.lever)
         moments, axes = np.linalg.eigh(np.array(frame.inertia.inertia))  # ascending: its axis first
-        radius = max(float(np.sqrt(2.0 * max(moments[0], 0.0) / mass)), BAR)
+        radius = float(np.sqrt(2.0 * max(moments[0], 0.0) / mass))
         length = float(np.sqrt(max(12.0 * moments[2] / mass - 3.0 * radius**2, 0.0)))
         axes = axes[:, [1, 2, 0]] * np.array([1.0, 1.0, np.linalg.det(axes)])
-        own = pin.SE3(axes, np.array(frame.inertia.lever))
-        kind, size = ("cylinder", (radius, 0.5 * length)) if length > radius else ("sphere", (max(radius, 5 * BAR),))
-        yield Solid(kind, size, frame.parentJoint, frame.placement * own, WOOD)
+        if moments[2] <= 0.0 < np.linalg.norm(lever):
+            length = 2.0 * float(np.linalg.norm(lever))
+            axes = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), 2.0 * lever / length).matrix()
+        radius = max(radius, SLENDER * length, BAR)
+        kind, size = ("cylinder", (radius, 0.5 * length)) if length > radius else ("sphere", (max(radius, 5.0 * BAR),))
+        yield Solid(kind, size, frame.parentJoint, frame.placement * pin.SE3(axes, lever), WOOD)
