@@ -6,6 +6,7 @@ The road of the data runs one way: URDF -> Machine -> Problem -> QPs -> Trajecto
 from zmp_sqp.errors import (
     ContactLost,
     MachineError,
+    MissingExtra,
     NotSolved,
     ProblemError,
     ScenarioError,
@@ -49,6 +50,7 @@ from zmp_sqp.planning import (
     slew_insight,
     trajectory_zmp,
 )
+from zmp_sqp.simulation import Replay, replay
 
 __version__ = "0.1.0"
 
@@ -62,11 +64,13 @@ __all__ = [
     "JointLimits",
     "Machine",
     "MachineError",
+    "MissingExtra",
     "NotSolved",
     "Payload",
     "Plan",
     "Problem",
     "ProblemError",
+    "Replay",
     "ScenarioError",
     "SlewInsight",
     "Slope",
@@ -87,6 +91,7 @@ __all__ = [
     "phase_plane",
     "plan",
     "plan_base",
+    "replay",
     "shipped_machines",
     "slew_insight",
     "stability_margin",
