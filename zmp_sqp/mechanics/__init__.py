@@ -3,6 +3,7 @@
 from zmp_sqp.mechanics.ground import GRAVITY, Ground, Slope
 from zmp_sqp.mechanics.limits import JointLimits
 from zmp_sqp.mechanics.machine import Machine
+from zmp_sqp.mechanics.moving_base import BaseMotion, GroundRates
 from zmp_sqp.mechanics.payload import Payload
 from zmp_sqp.mechanics.support import SupportPolygon
 from zmp_sqp.mechanics.urdf import load_machine, shipped_machines
@@ -11,7 +12,9 @@ from zmp_sqp.mechanics.zero_moment_point import stability_margin, zmp, zmp_of_wr
 
 __all__ = [
     "GRAVITY",
+    "BaseMotion",
     "Ground",
+    "GroundRates",
     "JointLimits",
     "Machine",
     "Payload",
