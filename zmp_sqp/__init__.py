@@ -14,6 +14,7 @@ from zmp_sqp.errors import (
 )
 from zmp_sqp.mechanics import (
     Ground,
+    Heightmap,
     JointLimits,
     Machine,
     Payload,
@@ -54,6 +55,7 @@ __all__ = [
     "ContactLost",
     "DistanceLimits",
     "Ground",
+    "Heightmap",
     "JointLimits",
     "Machine",
     "MachineError",

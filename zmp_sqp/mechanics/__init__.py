@@ -1,6 +1,7 @@
 """From a URDF to the ground reaction wrench and the zero moment point, with derivatives. Knows no optimisation."""
 
 from zmp_sqp.mechanics.ground import GRAVITY, Ground, Slope
+from zmp_sqp.mechanics.heightmap import Heightmap
 from zmp_sqp.mechanics.limits import JointLimits
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.moving_base import BaseMotion, GroundRates
@@ -15,6 +16,7 @@ __all__ = [
     "BaseMotion",
     "Ground",
     "GroundRates",
+    "Heightmap",
     "JointLimits",
     "Machine",
     "Payload",
