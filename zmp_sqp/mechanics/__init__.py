@@ -1,10 +1,10 @@
 """From a URDF to the ground reaction wrench and the zero moment point, with derivatives. Knows no optimisation."""
 
-from zmp_sqp.mechanics.ground import GRAVITY, Ground, Slope
+from zmp_sqp.mechanics.ground import GRAVITY, Ground, Slope, Terrain
+from zmp_sqp.mechanics.ground_motion import GroundMotion, GroundRates
 from zmp_sqp.mechanics.heightmap import Heightmap
 from zmp_sqp.mechanics.limits import JointLimits
 from zmp_sqp.mechanics.machine import Machine
-from zmp_sqp.mechanics.moving_base import BaseMotion, GroundRates
 from zmp_sqp.mechanics.payload import Payload
 from zmp_sqp.mechanics.support import SupportPolygon
 from zmp_sqp.mechanics.urdf import load_machine, shipped_machines
@@ -13,8 +13,8 @@ from zmp_sqp.mechanics.zero_moment_point import stability_margin, zmp, zmp_of_wr
 
 __all__ = [
     "GRAVITY",
-    "BaseMotion",
     "Ground",
+    "GroundMotion",
     "GroundRates",
     "Heightmap",
     "JointLimits",
@@ -22,6 +22,7 @@ __all__ = [
     "Payload",
     "Slope",
     "SupportPolygon",
+    "Terrain",
     "WrenchDerivatives",
     "ground_reaction",
     "ground_reaction_derivatives",

@@ -9,10 +9,10 @@ import numpy as np
 
 from zmp_sqp.arrays import Array, finite_number
 from zmp_sqp.errors import MachineError
-from zmp_sqp.mechanics.moving_base import BaseMotion, GroundRates
+from zmp_sqp.mechanics.ground_motion import GroundMotion, GroundRates
 from zmp_sqp.mechanics.support import SupportPolygon
 
-__all__ = ["CLEARANCE", "GRAVITY", "Ground", "Slope"]
+__all__ = ["CLEARANCE", "GRAVITY", "Ground", "Slope", "Terrain"]
 
 GRAVITY = 9.81  # [m/s^2], the constant of Song & Sharf 2020
 CLEARANCE = 0.1  # [m], our choice: ground that departs less than this from the tracks' plane carries them all the same
@@ -20,7 +20,16 @@ CLEARANCE = 0.1  # [m], our choice: ground that departs less than this from the 
 
 @runtime_checkable
 class Ground(Protocol):
-    """Anything that can say how the machine stands and drives on it.
+    """Anything that can say how the machine stands on it."""
+
+    def gravity(self, yaw: float = 0.0) -> Array:
+        """Gravity in the root frame of a machine at x = y = 0 with heading `yaw` [rad], shape (3,) [m/s^2]."""
+        ...
+
+
+@runtime_checkable
+class Terrain(Ground, Protocol):
+    """Ground that a base can drive on.
 
     The base is a unicycle: its pose is (x, y, yaw) in ground coordinates, its rates (w_s, w_yaw) are the speed along
     the heading and the rate of the yaw, its accelerations (a_s, a_yaw) the rates of these. With S = T^2 they may be
@@ -32,10 +41,6 @@ class Ground(Protocol):
         """Where the base may be: lowest and highest (x, y), shape (2, 2) [m]; infinite if anywhere."""
         ...
 
-    def gravity(self, yaw: float = 0.0) -> Array:
-        """Gravity in the root frame of a machine at x = y = 0 with heading `yaw` [rad], shape (3,) [m/s^2]."""
-        ...
-
     def base_pose(self, pose: Array) -> tuple[Array, Array]:
         """Root of a base at `pose` (K, 3) in the ground frame: positions (K, 3) [m] and rotations (K, 3, 3)."""
         ...
@@ -44,7 +49,7 @@ class Ground(Protocol):
         """Rates of x and y at `pose` (K, 3) and `rates` (K, 2)."""
         ...
 
-    def base_motion(self, pose: Array, rates: Array, accelerations: Array, S: float = 1.0) -> BaseMotion:
+    def base_motion(self, pose: Array, rates: Array, accelerations: Array, S: float = 1.0) -> GroundMotion:
         """Motion of the root at `pose` (K, 3), `rates` (K, 2) and `accelerations` (K, 2)."""
         ...
 
@@ -128,7 +133,7 @@ class Slope:
         slopes[:, :, 3] = heading
         return GroundRates(speed[:, None] * heading, slopes)
 
-    def base_motion(self, pose: Array, rates: Array, accelerations: Array, S: float = 1.0) -> BaseMotion:
+    def base_motion(self, pose: Array, rates: Array, accelerations: Array, S: float = 1.0) -> GroundMotion:
         r"""Motion of the root of a unicycle in the plane, with its derivatives.
 
         .. math:: (w_s, 0, 0, 0, 0, w_{yaw}), \quad (a_s, 0, 0, 0, 0, a_{yaw}) - S (g(yaw), 0)
@@ -151,7 +156,7 @@ class Slope:
         acceleration_slopes[:, 0, 5] = acceleration_slopes[:, 5, 6] = 1.0
         acceleration_slopes[:, 0, 2], acceleration_slopes[:, 1, 2] = -S * gravity[:, 1], S * gravity[:, 0]
         acceleration_slopes[:, :3, 7] = -gravity
-        return BaseMotion(velocity, acceleration, velocity_slopes, acceleration_slopes)
+        return GroundMotion(velocity, acceleration, velocity_slopes, acceleration_slopes)
 
     def check_followable(self, support: SupportPolygon, poses: Array, *, clearance: float = CLEARANCE) -> None:
         """Do nothing: tracks follow a plane everywhere."""

@@ -13,7 +13,7 @@ import numpy as np
 from zmp_sqp.arrays import Array, finite_number, frozen_array
 from zmp_sqp.errors import MachineError, ProblemError
 from zmp_sqp.mechanics.ground import CLEARANCE, Slope
-from zmp_sqp.mechanics.moving_base import BaseMotion, GroundRates
+from zmp_sqp.mechanics.ground_motion import GroundMotion, GroundRates
 from zmp_sqp.mechanics.spline_surface import WIDTH, SplineSurface
 from zmp_sqp.mechanics.support import SupportPolygon
 from zmp_sqp.mechanics.surface_drive import drive_on_surface, ground_rates_on_surface
@@ -154,7 +154,7 @@ class Heightmap:
         """
         return ground_rates_on_surface(self._frame(pose), pose[:, 2], rates)
 
-    def base_motion(self, pose: Array, rates: Array, accelerations: Array, S: float = 1.0) -> BaseMotion:
+    def base_motion(self, pose: Array, rates: Array, accelerations: Array, S: float = 1.0) -> GroundMotion:
         """Motion of the root of a unicycle that stays tangent to the surface, see `drive_on_surface`.
 
         Args:

@@ -6,7 +6,7 @@ import numpy as np
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.mechanics.ground import GRAVITY
-from zmp_sqp.mechanics.moving_base import BaseMotion, GroundRates
+from zmp_sqp.mechanics.ground_motion import GroundMotion, GroundRates
 from zmp_sqp.mechanics.surface_frame import SurfaceFrame
 
 __all__ = ["drive_on_surface", "ground_rates_on_surface"]
@@ -32,7 +32,7 @@ def ground_rates_on_surface(frame: SurfaceFrame, yaw: Array, rates: Array) -> Gr
     return GroundRates(_state_first(speed * heading[0]), _state_first(slopes))
 
 
-def drive_on_surface(frame: SurfaceFrame, yaw: Array, rates: Array, accelerations: Array, S: float) -> BaseMotion:
+def drive_on_surface(frame: SurfaceFrame, yaw: Array, rates: Array, accelerations: Array, S: float) -> GroundMotion:
     r"""Motion of a root with the rotation R = E R_z(yaw).
 
     Per metre along its heading e, seen on the map, the root turns by :math:`k = R_z^T \mathrm{vee}(E^T dE)`, hence
@@ -59,7 +59,7 @@ def drive_on_surface(frame: SurfaceFrame, yaw: Array, rates: Array, acceleration
     acceleration[:3] += pull * up[0]
     by_acceleration[:3, X], by_acceleration[:3, Y] = pull * up[1], pull * up[2]
     by_acceleration[:3, YAW], by_acceleration[:3, SCALE] = pull * up_yaw, GRAVITY * up[0]
-    return BaseMotion(*(_state_first(part) for part in (velocity, acceleration, by_velocity, by_acceleration)))
+    return GroundMotion(*(_state_first(part) for part in (velocity, acceleration, by_velocity, by_acceleration)))
 
 
 def _turn(

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 from zmp_sqp.arrays import Array
 
-__all__ = ["BaseMotion", "GroundRates"]
+__all__ = ["GroundMotion", "GroundRates"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BaseMotion:
+class GroundMotion:
     """Motion of the root at K states of the base, as `ground_reaction` takes it.
 
     Attributes:
@@ -26,7 +26,7 @@ class BaseMotion:
     velocity_slopes: Array
     acceleration_slopes: Array
 
-    def at_support_height(self, height: float) -> BaseMotion:
+    def at_support_height(self, height: float) -> GroundMotion:
         r"""The motion of a root from which the ground is the plane z = height, in place of z = 0.
 
         .. math:: v_{root} = v + \omega \times (0, 0, -height), \quad \omega_{root} = \omega
@@ -43,7 +43,7 @@ class BaseMotion:
         for part in moved:
             part[:, 0] -= height * part[:, 4]
             part[:, 1] += height * part[:, 3]
-        return BaseMotion(*moved)
+        return GroundMotion(*moved)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
