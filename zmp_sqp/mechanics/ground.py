@@ -41,6 +41,15 @@ class Terrain(Ground, Protocol):
         """Where the base may be: lowest and highest (x, y), shape (2, 2) [m]; infinite if anywhere."""
         ...
 
+    @property
+    def uniform(self) -> bool:
+        """Whether it is the same everywhere, so that a base's motion does not depend on its place."""
+        ...
+
+    def derivative_bounds(self, low: Array, high: Array) -> Array:
+        """Steepest slope and norms of the second to fifth derivative of the height in boxes (K, 2), shape (5, K)."""
+        ...
+
     def base_pose(self, pose: Array) -> tuple[Array, Array]:
         """Root of a base at `pose` (K, 3) in the ground frame: positions (K, 3) [m] and rotations (K, 3, 3)."""
         ...
@@ -86,6 +95,15 @@ class Slope:
     def extent(self) -> Array:
         """The plane is endless: lowest and highest (x, y) are infinite, shape (2, 2) [m]."""
         return np.array([[-np.inf, -np.inf], [np.inf, np.inf]])
+
+    @property
+    def uniform(self) -> bool:
+        """A plane is the same everywhere."""
+        return True
+
+    def derivative_bounds(self, low: Array, high: Array) -> Array:
+        """Zero: in the ground frame, which lies in the plane, it has no height; shape (5, K)."""
+        return np.zeros((5, len(low)))
 
     def gravity(self, yaw: float = 0.0) -> Array:
         r"""Gravity in the root frame of a machine that stands on the plane.

@@ -14,6 +14,7 @@ from zmp_sqp.arrays import Array, finite_number, frozen_array
 from zmp_sqp.errors import MachineError, ProblemError
 from zmp_sqp.mechanics.ground import CLEARANCE, Slope
 from zmp_sqp.mechanics.ground_motion import GroundMotion, GroundRates
+from zmp_sqp.mechanics.spline_bounds import derivative_bounds
 from zmp_sqp.mechanics.spline_surface import WIDTH, SplineSurface
 from zmp_sqp.mechanics.support import SupportPolygon
 from zmp_sqp.mechanics.surface_drive import drive_on_surface, ground_rates_on_surface
@@ -100,6 +101,22 @@ class Heightmap:
         """Lowest and highest (x, y) on the map, shape (2, 2) [m]."""
         rows, columns = self.heights.shape
         return np.array(self.origin) + self.resolution * np.array([[0.0, 0.0], [columns - 1.0, rows - 1.0]])
+
+    @property
+    def uniform(self) -> bool:
+        """Terrain differs from place to place."""
+        return False
+
+    def derivative_bounds(self, low: Array, high: Array) -> Array:
+        """Steepest slope and norms of the second to fifth derivative of h over boxes, see `spline_bounds`.
+
+        Args:
+            low, high: Corners of the boxes, shape (K, 2) [m].
+
+        Returns:
+            Shape (5, K) [m^(1 - k), k = 1..5].
+        """
+        return derivative_bounds(self._surface, low, high, rim=RIM)
 
     def slope_at(self, x: float, y: float) -> Slope:
         """Tangent plane at a point of the map: what a machine that stands still there stands on.

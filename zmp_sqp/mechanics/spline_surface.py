@@ -56,9 +56,22 @@ class _Axis:
             basis = raised
         return cls(breaks, basis)
 
+    def spans(self, x: Array) -> Indices:
+        """Which span each point lies in, shape (K,); beyond the outermost knots the outermost spans."""
+        return np.searchsorted(self.breaks[1:-1], x, side="right")
+
+    def pieces(self, span: Indices, rim: float) -> tuple[Array, Array, Array]:
+        """Polynomials of some spans, shape (s, 6, 6), and where they begin and end from their left knots, (s,) each.
+
+        The first span begins, and the last one ends, `rim` further out [m].
+        """
+        last = len(self.breaks) - 2
+        end = self.breaks[span + 1] - self.breaks[span] + np.where(span == last, rim, 0.0)
+        return self.basis[span], np.where(span == 0, -rim, 0.0), end
+
     def derivatives(self, x: Array) -> tuple[Indices, Array]:
         """First basis function of each point, shape (K,), and derivatives 0..4 of six of them, shape (K, 5, 6)."""
-        span = np.searchsorted(self.breaks[1:-1], x, side="right")
+        span = self.spans(x)
         powers = (x - self.breaks[span])[:, None] ** _POWERS  # (K, powers)
         return span, (_FALL * powers[:, _DROP]) @ self.basis[span]
 
@@ -108,3 +121,11 @@ class SplineSurface:
         row, by_y = self._y.derivatives(y)
         along_x = by_x @ self.patches[column, row]  # (K, 5, 6)
         return np.asarray(along_x @ np.ascontiguousarray(by_y.transpose(0, 2, 1)))
+
+    def cells(self, places: Array) -> Indices:
+        """Spans along x and y of the nearest places on the surface, shape (K, 2)."""
+        return np.column_stack([self._x.spans(places[:, 0]), self._y.spans(places[:, 1])])
+
+    def pieces(self, axis: int, span: Indices, rim: float) -> tuple[Array, Array, Array]:
+        """Of some spans along x (axis 0) or y (axis 1), as `_Axis.pieces`."""
+        return (self._x, self._y)[axis].pieces(span, rim)
