@@ -16,6 +16,7 @@ from tests.checks import joint_limit_excess
 from tests.planning.driving import base, paper_2_joint, retreat, retreat_problem, zmp_from_poses
 from tests.problems import PAPER_GOAL, PAPER_START, paper_scene
 from zmp_sqp.mechanics.motion_bounds import wrench_curvature_bound
+from zmp_sqp.mechanics.root_bounds import root_bounds
 from zmp_sqp.mechanics.wrench import ground_reaction
 from zmp_sqp.planning.root_motion import root_motion
 from zmp_sqp.scenario import SHIPPED, load_scenario
@@ -182,7 +183,7 @@ def test_the_bound_on_the_wrenchs_curvature_holds_for_a_base_that_drives_and_tur
         change = (wrenches[2] - 2.0 * wrenches[1] + wrenches[0]) / h**2
         peaks = np.abs(np.stack([speeds, pushes, jerks])).transpose(2, 0, 1)
         bound = wrench_curvature_bound(
-            machine, np.abs(v), np.abs(a), np.abs(j), reach=np.abs(q), gravity=9.81, base=peaks
+            machine, np.abs(v), np.abs(a), np.abs(j), reach=np.abs(q), gravity=9.81, base=root_bounds(peaks)
         )
         assert np.linalg.norm(change[:3]) <= 1.01 * bound.force[0]
         assert np.linalg.norm(change[3:]) <= 1.01 * bound.moment[0]

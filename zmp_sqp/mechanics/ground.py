@@ -41,6 +41,10 @@ class Terrain(Ground, Protocol):
         """Where the base may be: lowest and highest (x, y), shape (2, 2) [m]; infinite if anywhere."""
         ...
 
+    def check_on(self, places: Array) -> None:
+        """Raise ProblemError where the first of `places` (K, 2) lies off the map."""
+        ...
+
     @property
     def uniform(self) -> bool:
         """Whether it is the same everywhere, so that a base's motion does not depend on its place."""
@@ -95,6 +99,9 @@ class Slope:
     def extent(self) -> Array:
         """The plane is endless: lowest and highest (x, y) are infinite, shape (2, 2) [m]."""
         return np.array([[-np.inf, -np.inf], [np.inf, np.inf]])
+
+    def check_on(self, places: Array) -> None:
+        """Do nothing: the plane is endless."""
 
     @property
     def uniform(self) -> bool:

@@ -102,6 +102,26 @@ class Heightmap:
         rows, columns = self.heights.shape
         return np.array(self.origin) + self.resolution * np.array([[0.0, 0.0], [columns - 1.0, rows - 1.0]])
 
+    def check_on(self, places: Array, *, what: str = "the base") -> None:
+        """Refuse places off the map.
+
+        Args:
+            places: Shape (K, 2) [m].
+            what: Stands there.
+
+        Raises:
+            ProblemError: A place is not on the map; the message says where.
+        """
+        low, high = self.extent
+        x, y = places[:, 0], places[:, 1]
+        on_map = (x >= low[0] - RIM) & (x <= high[0] + RIM) & (y >= low[1] - RIM) & (y <= high[1] + RIM)
+        if not on_map.all():
+            at = places[int(np.argmin(on_map))]
+            raise ProblemError(
+                f"{what} leaves the map at (x, y) = ({at[0]:.3f}, {at[1]:.3f}) m; the map covers "
+                f"x from {low[0]:g} to {high[0]:g} m and y from {low[1]:g} to {high[1]:g} m"
+            )
+
     @property
     def uniform(self) -> bool:
         """Terrain differs from place to place."""
@@ -228,16 +248,8 @@ class Heightmap:
 
     def _derivatives(self, places: Array, *, what: str = "the base") -> Array:
         """Derivatives of h at (x, y, ...), shape (K, 5, 5); raises ProblemError off the map."""
-        low, high = self.extent
-        x, y = places[:, 0], places[:, 1]
-        on_map = (x >= low[0] - RIM) & (x <= high[0] + RIM) & (y >= low[1] - RIM) & (y <= high[1] + RIM)
-        if not on_map.all():
-            at = places[int(np.argmin(on_map))]
-            raise ProblemError(
-                f"{what} leaves the map at (x, y) = ({at[0]:.3f}, {at[1]:.3f}) m; the map covers "
-                f"x from {low[0]:g} to {high[0]:g} m and y from {low[1]:g} to {high[1]:g} m"
-            )
-        return self._surface.derivatives(x, y)
+        self.check_on(places, what=what)
+        return self._surface.derivatives(places[:, 0], places[:, 1])
 
 
 def _read(path: str | os.PathLike[str], reader: Callable[[Path], Array]) -> Array:

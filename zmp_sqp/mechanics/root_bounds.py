@@ -15,7 +15,7 @@ __all__ = ["root_bounds", "turning_on_surface"]
 def root_bounds(peaks: Array, surface: Array | None = None, height: float = 0.0) -> Array:
     r"""Bounds on the motion of a root whose foot o - h n moves with a speed times a unit vector fixed in the root.
 
-    .. math:: o' = s e + h n', \quad |n^{(k)}|, |e^{(k)}| \text{ from } \omega \text{ as of any unit vector fixed in the root}
+    .. math:: o' = s e + h n', \quad |n^{(k)}|, |e^{(k)}| \text{ from } \omega \text{ (`norms.turning`)}
 
     Args:
         peaks: Largest |speed|, |acceleration| and |jerk| along the heading, and |yaw rate|, |yaw acceleration| and |yaw

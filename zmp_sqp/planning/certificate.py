@@ -9,13 +9,13 @@ import numpy as np
 
 from zmp_sqp.arrays import Array, finite_number, frozen_array
 from zmp_sqp.errors import MachineError, ProblemError, TrajectoryError
-from zmp_sqp.mechanics.ground import Ground, Slope
+from zmp_sqp.mechanics.ground import Ground
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.motion_bounds import WrenchBound, wrench_bounds, wrench_curvature_bound
 from zmp_sqp.mechanics.wrench import ground_reaction
 from zmp_sqp.planning.double_integrator import minimum_time
 from zmp_sqp.planning.limits_in_time import limit_excess
-from zmp_sqp.planning.root_motion import root_motion
+from zmp_sqp.planning.root_motion import followed, root_motion, root_motion_bounds
 from zmp_sqp.planning.trajectory import Trajectory
 from zmp_sqp.planning.unicycle import UnicycleBase
 from zmp_sqp.planning.unicycle_motion import base_excess
@@ -94,13 +94,13 @@ def certify(
             ground than a plane, or not at all although it has limits.
         TrajectoryError: No trajectory, or one whose nodes drift away from what its accelerations produce.
     """
-    _check(machine, trajectory, ground)
+    _check_types(machine, trajectory, ground)
+    trajectory = followed(trajectory, ground)
+    _check_drift(trajectory)
     required = finite_number(margin, name="margin", error=ProblemError)
     gravity = frozen_array(ground.gravity(), name="gravity", shape=(3,), error=ProblemError)
     excess, relative = limit_excess(machine, trajectory)
     kept = relative <= LIMIT_TOLERANCE
-    if trajectory.base is not None and not isinstance(ground, Slope):
-        raise ProblemError(f"a moving base is certified on a Slope, not on {type(ground).__name__}")
     if base is not None:
         if trajectory.base is None:
             raise ProblemError("the trajectory has no base motion to hold to the limits of `base`")
@@ -141,7 +141,7 @@ def certify(
     )  # fmt: skip
 
 
-def _check(machine: Machine, trajectory: Trajectory, ground: Ground) -> None:
+def _check_types(machine: Machine, trajectory: Trajectory, ground: Ground) -> None:
     if not isinstance(machine, Machine):
         raise MachineError(f"machine must be a Machine (see load_machine), not {type(machine).__name__}")
     if not isinstance(trajectory, Trajectory):
@@ -152,6 +152,10 @@ def _check(machine: Machine, trajectory: Trajectory, ground: Ground) -> None:
         raise MachineError(f"machine {machine.name!r} has no support polygon: give support= to load_machine")
     if trajectory.joint_names != machine.joint_names:
         raise ProblemError(f"the trajectory moves {trajectory.joint_names}, the machine has {machine.joint_names}")
+
+
+def _check_drift(trajectory: Trajectory) -> None:
+    """Refuse nodes that drift away from what the accelerations produce."""
     # a rate that creeps up by less than `Trajectory` notices, from each of many nodes to the next, is an acceleration
     q, v, _ = trajectory.state_in(np.arange(trajectory.intervals), np.diff(trajectory.times))
     followed = [("velocities", trajectory.velocities, v), ("positions", trajectory.positions, q)]
@@ -194,7 +198,8 @@ def _bounds_of_intervals(machine: Machine, trajectory: Trajectory, gravity: floa
     q = np.abs(trajectory.positions[:-1]) + step * v
     base, turned = None, np.zeros(count)
     if trajectory.base is not None:
-        base = trajectory.base.peaks(np.arange(count), np.zeros(count), h)
+        height = machine.support.height  # type: ignore[union-attr]
+        base = root_motion_bounds(trajectory.base, np.arange(count), np.zeros(count), h, height=height)
         turned = np.abs(trajectory.base.poses[:-1, 2]) + h * base[1, 0]
     ends = trajectory.state_in(np.tile(np.arange(count), 2), np.concatenate([np.zeros(count), h]))
     peaks = _peaks(ends, j, step)
@@ -224,6 +229,7 @@ def _stretches(
 ) -> _Stretches:  # fmt: skip
     """Margins at the ends of the stretches and what holds inside; `whole`: curvature anywhere in the intervals."""
     support, h = machine.support, np.diff(trajectory.times)[interval]
+    height = support.height  # type: ignore[union-attr]
     count = len(interval)
     # every start, and those ends that are not the next stretch's start
     apart = np.abs(np.diff(share) - length[:-1]) > 4.0 * EPSILON
@@ -231,7 +237,7 @@ def _stretches(
     looked_at = np.concatenate([np.arange(count), ends])
     since = np.concatenate([share, (share + length)[ends]]) * h[looked_at]
     states = trajectory.state_in(interval[looked_at], since)
-    twist, root = root_motion(trajectory, gravity, interval[looked_at], since)
+    twist, root = root_motion(trajectory, gravity, interval[looked_at], since, height=height)
     wrench = ground_reaction(machine, *states, root_acceleration=root, root_velocity=twist)
     follower = np.arange(1, count + 1)
     follower[ends] = count + np.arange(len(ends))
@@ -247,7 +253,9 @@ def _stretches(
     if whole is None:
         j = np.abs(trajectory.jerks[interval])
         reach, most_v, most_a = _peaks((q, v, a), j, delta[:, None])
-        base = None if trajectory.base is None else trajectory.base.peaks(interval, share * h, delta)
+        base = None
+        if trajectory.base is not None:
+            base = root_motion_bounds(trajectory.base, interval, share * h, delta, height=height)
         g = float(np.linalg.norm(gravity))
         curvature = wrench_curvature_bound(machine, most_v, most_a, j, reach=reach, gravity=g, base=base)
     else:

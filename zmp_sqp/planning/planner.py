@@ -108,15 +108,21 @@ def plan(
         return _already_there(problem, qp_solver, started)
     least = max(lower_bound, _grid_bound(start, goal, bounds, problem.intervals))
     bounds = replace(bounds, least_duration=least)
-    alpha, duration = initial_guess(model, start, goal, bounds, intervals=problem.intervals, least_duration=least)
+    route = None if problem.base is None else np.vstack([problem.base.start[:2], problem.base.goal[:2]])
+    alpha, duration = initial_guess(
+        model, start, goal, bounds, intervals=problem.intervals, least_duration=least, route=route
+    )
     history: list[IterationRecord] = []
+    reach = 0.0 if problem.machine.support is None else problem.machine.support.reach
 
     def solve(bounds: PathBounds, controls: Array, S: float, ties: Any = None) -> tuple[Program, SQPResult]:
         hold = CONSTANT if controls.shape[1] == 1 else LINEAR
         of_coordinates = Transcription(
             model, start, goal, bounds, intervals=problem.intervals, reference=duration, hold=hold, ties=ties
         )
-        nlp = of_coordinates if problem.base is None else DrivingTranscription(of_coordinates, problem.base)
+        nlp: Program = of_coordinates
+        if problem.base is not None:
+            nlp = DrivingTranscription(of_coordinates, problem.base, problem.base_ground, reach=reach)
         result = (sqp if hold is CONSTANT else finisher).minimize(nlp, nlp.pack(controls, S))
         history.extend(result.history)
         return nlp, result
@@ -174,7 +180,7 @@ def _stage_model(problem: Problem) -> ArmModel | DrivingModel:
     """What the stages see: all joints, with or without the base, or the simplified model."""
     coordinates, gravity = problem.coordinates, problem.ground.gravity()
     if problem.base is not None:
-        return DrivingModel(problem.machine, gravity)
+        return DrivingModel(problem.machine, problem.base_ground)
     if problem.distance_limits is None:
         return ArmModel(problem.machine, gravity, coordinates)
     lumped = LumpedMass.of(problem.machine, coordinates)
@@ -257,7 +263,8 @@ def _trajectory(problem: Problem, nlp: Program, x: Array) -> Trajectory:
     v, n = w / duration, problem.machine.size
     drive = None
     if base is not None:
-        drive = UnicycleMotion.from_start(times, base.start, v[:, n:], q[:, -1], (ends[0][:, n:], jerks[:, n:]))
+        of_base = ends[0][:, n:], jerks[:, n:]
+        drive = UnicycleMotion.from_start(times, base.start, v[:, n:], q[:, -1], of_base, problem.base_ground)
     return Trajectory(problem.machine.joint_names, times, q[:, :n], v[:, :n], ends[0][:, :n], jerks[:, :n], drive)
 
 
@@ -284,7 +291,8 @@ def _already_there(problem: Problem, qp_solver: str, started: float) -> Plan:
     times, base, drive = np.zeros(2), problem.base, None
     if base is not None:
         still, rates = np.zeros((1, 2)), np.vstack([base.start_velocity] * 2)
-        drive = UnicycleMotion.from_start(times, base.start, rates, np.full(2, base.start[2]), (still, still))
+        yaw = np.full(2, base.start[2])
+        drive = UnicycleMotion.from_start(times, base.start, rates, yaw, (still, still), problem.base_ground)
     attempt = Trajectory(problem.machine.joint_names, times, q, v, 0.0 * v[:1], base=drive)
     checked = certify(problem.machine, attempt, problem.ground, problem.margin, base=problem.base)
     status = Status.FASTEST_POSSIBLE if checked.safe else Status.INFEASIBLE

@@ -9,7 +9,7 @@ import numpy as np
 
 from zmp_sqp.arrays import Array, finite_number, frozen_array, shortened
 from zmp_sqp.errors import MachineError, ProblemError
-from zmp_sqp.mechanics.ground import Ground, Slope
+from zmp_sqp.mechanics.ground import Ground, Slope, Terrain
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.wrench import ground_reaction
 from zmp_sqp.mechanics.zero_moment_point import zmp_of_wrench
@@ -133,8 +133,29 @@ class Problem:
             raise ProblemError(f"base must be a UnicycleBase, not {type(self.base).__name__}")
         if self.model != "full":
             raise ProblemError(f'a base that drives needs model="full", not {self.model!r}')
-        if not isinstance(self.ground, Slope):
-            raise ProblemError(f"a base drives on a Slope, not on {type(self.ground).__name__}")
+        self._check_terrain(self.base)
+
+    def _check_terrain(self, base: UnicycleBase) -> None:
+        if self.machine.support is None:
+            return
+        for name in ("start", "goal"):
+            pose = getattr(base, name)[None]
+            try:
+                self.base_ground.check_on(pose[:, :2])
+                self.base_ground.check_followable(self.machine.support, pose)
+            except ProblemError as cause:
+                raise ProblemError(f"base {name}: {cause}") from None
+
+    @property
+    def base_ground(self) -> Terrain:
+        """The ground, for a base to drive on.
+
+        Raises:
+            ProblemError: No base can.
+        """
+        if not isinstance(self.ground, Terrain):
+            raise ProblemError(f"a base drives on a Slope or a Heightmap, not on {type(self.ground).__name__}")
+        return self.ground
 
     def _check_model(self) -> None:
         if self.distance_limits is not None and self.model != "simplified":
@@ -202,8 +223,10 @@ class Problem:
         support, margin = self.machine.support, self.margin
         if support is None:
             return
-        yaw = 0.0 if self.base is None else float(getattr(self.base, name)[2])
-        still, root = np.zeros((1, len(q))), np.concatenate([-self.ground.gravity(yaw), np.zeros(3)])
+        still, root = np.zeros((1, len(q))), np.concatenate([-self.ground.gravity(), np.zeros(3)])
+        if self.base is not None:
+            rest = np.zeros((1, 2))
+            root = self.base_ground.base_motion(getattr(self.base, name)[None], rest, rest).acceleration
         wrench = ground_reaction(self.machine, q[None], still, still, root_acceleration=root)
         point = zmp_of_wrench(wrench, support.height)[0]
         over = support.normals @ point - support.offsets
