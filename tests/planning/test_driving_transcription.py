@@ -146,7 +146,7 @@ def test_wrench_slopes_and_curvature() -> None:
         return 1e-5 * model.wrench(p[None, :7], p[None, 7:14], p[None, 14:21], p[21])[0]
 
     def slopes(p: np.ndarray) -> Any:
-        return weights[0] @ model.wrench_derivatives(p[None, :7], p[None, 7:14], p[None, 14:21], p[21])[1][0]
+        return weights[0] @ model.wrench_derivatives(p[None, :7], p[None, 7:14], p[None, 14:21], p[21])[1][0, :, :22]
 
     at = point[None, :7], point[None, 7:14], point[None, 14:21], S
     found = 1e-5 * model.wrench_derivatives(*at)[1][0]

@@ -19,6 +19,8 @@ CORRIDOR_GUARD = 1e-7  # [m] kept inside x and y bounds at the nodes
 RIM_GUARD = 0.02  # [m] kept inside the map at the nodes, so that it is not left between them
 ARRIVED = 1e-12  # [m] from the goal, beside it Newton's steps do not lead nearer
 ARRIVALS = 8  # steps at most; a plane takes one
+PASSES = 20  # of Newton's method over all nodes at once; a plane takes one
+SETTLED = 1e-15  # relative, of positions
 PLANE = Slope()
 
 
@@ -92,13 +94,14 @@ class DrivingTranscription:
         return self._join(inner, self._driven(*self._course(inner)))
 
     def _driven(self, psi: Array, w: Array) -> Array:
-        """Positions of the nodes, shape (N + 1, 2): each pass carries what is exact one node further, and more."""
-        start = self.base.start[:2]
-        p = np.repeat(start[None], self.N + 1, axis=0)
-        for _ in range(self.N):
-            moves = runge_kutta_moves(self.terrain, p[:-1], psi, w).whole
-            before, p = p, start + np.vstack([np.zeros(2), np.cumsum(moves, axis=0)])
-            if self.terrain.uniform or np.array_equal(p, before):
+        """Positions of the nodes, shape (N + 1, 2), by Newton's method on the gaps."""
+        p = np.repeat(self.base.start[None, :2], self.N + 1, axis=0)
+        for _ in range(PASSES):
+            moves = runge_kutta_moves(self.terrain, p[:-1], psi, w)
+            gaps = np.diff(p, axis=0) - moves.whole
+            change = _propagated(moves, np.zeros(2), -gaps)
+            p = p + change
+            if self.terrain.uniform or np.abs(change).max() <= SETTLED * (1.0 + np.abs(p).max()):
                 break
         return p
 
@@ -129,11 +132,9 @@ class DrivingTranscription:
             miss = np.append(base.goal[:2] - p[-1], wanted[1, way] - sums[1] @ flat[:, way])
             if np.abs(miss).max() <= ARRIVED:
                 break
-            slopes = runge_kutta_moves(self.terrain, p[:-1], psi, w).whole_slopes
-            pushed = np.einsum("kas,skc->kac", slopes[:, :, 5:], rates)
-            reach = np.zeros((2, pushed.shape[2]))
-            for by_place, push in zip(slopes[:, :, :2], pushed, strict=True):
-                reach = reach + by_place @ reach + push
+            moves = runge_kutta_moves(self.terrain, p[:-1], psi, w)
+            pushed = np.einsum("kas,skc->kac", moves.whole_slopes[:, :, 5:], rates)
+            reach = _propagated(moves, np.zeros((2, pushed.shape[2])), pushed)[-1]
             flat[:, way] += np.linalg.lstsq(np.vstack([reach, sums[1]]), miss, rcond=1e-6)[0]
         return inner.unpack(inner.pack(flat.reshape(controls.shape), S))
 
@@ -292,13 +293,18 @@ class DrivingTranscription:
         Z[: self._sigma], Z[-1], d[: self._sigma] = inner.Z[:-1], inner.Z[-1], inner.d[:-1]
         gaps = equalities[self._eliminated : self.eliminated].reshape(N + 1, 2)
         pushed, moved = (slopes @ inner.Z).reshape(N, 2, r), (slopes @ inner.d).reshape(N, 2) + gaps[1:]
-        of_Z, of_d = Z[self.positions].reshape(N + 1, 2, r), d[self.positions].reshape(N + 1, 2)
-        of_d[0] = -gaps[0]
-        if self.terrain.uniform:
-            np.cumsum(-pushed, axis=0, out=of_Z[1:])
-            of_d[1:] = of_d[0] - np.cumsum(moved, axis=0)
-        else:
-            for k, by_place in enumerate(moves.whole_slopes[:, :, :2] + np.eye(2)):
-                of_Z[k + 1], of_d[k + 1] = by_place @ of_Z[k] - pushed[k], by_place @ of_d[k] - moved[k]
+        Z[self.positions] = _propagated(moves, np.zeros((2, r)), -pushed).reshape(-1, r)
+        d[self.positions] = _propagated(moves, -gaps[0], -moved).ravel()
         free = np.append(inner.free[:-1], self.size - 1) if len(inner.free) else inner.free
         return Basis(Z, d, free, self.eliminated)
+
+
+def _propagated(moves: Moves, first: Array, added: Array) -> Array:
+    """What a change of the first position and changes (N, 2, ...) of the moves make of the nodes, (N + 1, 2, ...)."""
+    by_place = moves.whole_slopes[:, :, :2]
+    if not by_place.any():  # a plane
+        return np.asarray(first + np.concatenate([np.zeros_like(added[:1]), np.cumsum(added, axis=0)]))
+    changes = [first]
+    for slope, part in zip(by_place, added, strict=True):
+        changes.append(changes[-1] + slope @ changes[-1] + part)
+    return np.stack(changes)
