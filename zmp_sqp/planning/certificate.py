@@ -15,6 +15,7 @@ from zmp_sqp.mechanics.motion_bounds import WrenchBound, wrench_bounds, wrench_c
 from zmp_sqp.mechanics.wrench import ground_reaction
 from zmp_sqp.planning.double_integrator import minimum_time
 from zmp_sqp.planning.limits_in_time import limit_excess
+from zmp_sqp.planning.place_error import misplaced_root_bounds
 from zmp_sqp.planning.root_motion import followed, root_motion, root_motion_bounds
 from zmp_sqp.planning.trajectory import Trajectory
 from zmp_sqp.planning.unicycle import UnicycleBase
@@ -189,7 +190,8 @@ def _bounds_of_intervals(machine: Machine, trajectory: Trajectory, gravity: floa
     """Largest rounding errors of the wrenches in each of the N intervals and their second derivatives, (N,) each.
 
     Rounding is relative to the sum of the absolute values of all that adds up, within an interval from its start; a
-    rounded angle turns everything beyond its joint.
+    rounded angle turns everything beyond its joint. To it comes what a base feels that is not just where it is
+    computed to be.
     """
     count, h = trajectory.intervals, np.diff(trajectory.times)
     j, step = np.abs(trajectory.jerks), h[:, None]
@@ -207,10 +209,13 @@ def _bounds_of_intervals(machine: Machine, trajectory: Trajectory, gravity: floa
     reach, v, a, j = (np.vstack(pair) for pair in zip((q, v, a, j), (*peaks, j), strict=True))
     size, curvature = wrench_bounds(machine, v, a, j, reach=reach, gravity=gravity, base=twice)
     share = OPERATIONS * EPSILON * (1.0 + q.sum(axis=1) + turned)
-    return (
-        WrenchBound(share * size.force[:count], share * size.moment[:count]),
-        WrenchBound(curvature.force[count:], curvature.moment[count:]),
-    )
+    force, moment = share * size.force[:count], share * size.moment[:count]
+    if base is not None and not trajectory.base.ground.uniform:  # type: ignore[union-attr]
+        parts = (part[:count] for part in (v, a, j))
+        moved = misplaced_root_bounds(trajectory.base, base, gravity=gravity, height=height)  # type: ignore[arg-type]
+        more, _ = wrench_bounds(machine, *parts, reach=q, gravity=gravity, base=moved)
+        force, moment = force + more.force - size.force[:count], moment + more.moment - size.moment[:count]
+    return WrenchBound(force, moment), WrenchBound(curvature.force[count:], curvature.moment[count:])
 
 
 def _peaks(ends: tuple[Array, ...], j: Array, delta: Array) -> tuple[Array, Array, Array]:

@@ -20,7 +20,7 @@ RIM_GUARD = 0.02  # [m] kept inside the map at the nodes, so that it is not left
 ARRIVED = 1e-12  # [m] from the goal, beside it Newton's steps do not lead nearer
 ARRIVALS = 8  # steps at most; a plane takes one
 PASSES = 20  # of Newton's method over all nodes at once; a plane takes one
-SETTLED = 1e-15  # relative, of positions
+SETTLED = 1e-14  # relative, of positions
 PLANE = Slope()
 
 

@@ -42,43 +42,52 @@ TO_INTEGRAL = _integrals(SHARES) @ TO_SERIES  # from values at the points to int
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaceCurve:
-    r"""Displacements from the nodes, Legendre series by the share of the interval gone.
+    r"""Displacements from the nodes: intervals are cut into equal pieces, each a Legendre series by its share.
 
     .. math:: p(t) = p_k + \int_{t_k}^t \dot p\, dt, \quad \dot p = \sum_n c_n P_n
 
     Attributes:
-        steps: Lengths of the intervals, shape (N,) [s].
-        series: c, shape (N, POINTS, 2) [m/s].
+        first: First piece of each interval, and their number M, shape (N + 1,).
+        steps: Lengths of the pieces, shape (M,) [s].
+        origins: Displacement where each piece begins, from the node, shape (M, 2) [m].
+        series: c, shape (M, POINTS, 2) [m/s].
     """
 
+    first: Indices
     steps: Array
+    origins: Array
     series: Array
 
     @classmethod
     def integrated(
-        cls, places: Array, steps: Array, rates: Callable[[Array], Array], *, chained: bool
+        cls, places: Array, steps: Array, parts: Indices, rates: Callable[[Array], Array], *, chained: bool
     ) -> tuple[PlaceCurve, Array]:
         """Collocation at Gauss points, by passes of Picard, which contract as the path is short or the ground smooth.
 
         Args:
             places: At the starts of the intervals, shape (N, 2) [m].
             steps: Lengths of the intervals, shape (N,) [s].
-            rates: From places at `SHARES` of the intervals, shape (N, POINTS, 2), to their rates there, likewise.
+            parts: Into how many pieces each one is cut, shape (N,).
+            rates: From places at `SHARES` of the pieces, shape (M, POINTS, 2), to their rates there, likewise.
             chained: Whether only the first place is given and each of the others is where the interval before ends.
 
         Returns:
-            The curve, and the places at its Gauss points, shape (N, POINTS, 2).
+            The curve, and the places at its Gauss points, shape (M, POINTS, 2).
 
         Raises:
             TrajectoryError: The passes do not converge: an interval leads too far over ground that is too rough.
         """
-        at, change = np.repeat(places[:, None], POINTS, axis=1), np.inf
+        first = np.concatenate([[0], np.cumsum(parts)])
+        node = np.repeat(first[:-1], parts)
+        steps, starts = np.repeat(steps / parts, parts), np.repeat(places, parts, axis=0)
+        at, change = np.repeat(starts[:, None], POINTS, axis=1), np.inf
         for _ in range(MOST_PASSES):
             found = rates(at)
-            if chained:
-                moves = steps[:, None] * (WEIGHTS @ found)
-                places = places[0] + np.vstack([np.zeros(2), np.cumsum(moves[:-1], axis=0)])
-            moved = places[:, None] + steps[:, None, None] * (TO_INTEGRAL @ found)
+            ends = np.cumsum(steps[:, None] * (WEIGHTS @ found), axis=0)
+            begins = np.vstack([np.zeros(2), ends[:-1]])
+            origins = begins - begins[node]
+            here = starts[0] + begins if chained else starts + origins
+            moved = here[:, None] + steps[:, None, None] * (TO_INTEGRAL @ found)
             change = float(np.abs(moved - at).max(initial=0.0))
             at = moved
             if not change > SETTLED * (1.0 + float(np.abs(at).max(initial=0.0))):
@@ -87,10 +96,18 @@ class PlaceCurve:
             raise TrajectoryError(
                 f"the base's path between its nodes cannot be found to better than {change:.3g} m: give more nodes"
             )
-        return cls(steps, TO_SERIES @ found), at
+        return cls(first, steps, origins, TO_SERIES @ found), at
+
+    @property
+    def pieces(self) -> Indices:
+        """Into how many pieces each interval is cut, shape (N,)."""
+        return np.diff(self.first)
 
     def displacement(self, k: Indices, since: Array) -> Array:
         """From the starts of intervals k over the times `since`, shape (K, 2) [m]."""
-        step = self.steps[k]
+        step = self.steps[self.first[k]]
         share = np.divide(since, step, out=np.zeros_like(since), where=step > 0.0)
-        return np.asarray(step[:, None] * np.einsum("kn,knc->kc", _integrals(share), self.series[k]))
+        number = np.clip(share.astype(int), 0, self.first[k + 1] - self.first[k] - 1)
+        piece = self.first[k] + number
+        within = np.einsum("kn,knc->kc", _integrals(share - number), self.series[piece])
+        return np.asarray(self.origins[piece] + step[:, None] * within)

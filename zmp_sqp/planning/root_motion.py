@@ -17,9 +17,9 @@ from zmp_sqp.mechanics.zero_moment_point import zmp_of_wrench
 from zmp_sqp.planning.trajectory import Trajectory
 from zmp_sqp.planning.unicycle_motion import UnicycleMotion
 
-__all__ = ["followed", "root_motion", "root_motion_bounds", "trajectory_zmp"]
+__all__ = ["followed", "root_motion", "root_motion_bounds", "surface_bounds", "trajectory_zmp"]
 
-STRAY = 1e-6  # [m] added to the boxes against rounding and what is left of the nodes' drift
+STRAY = 1e-3  # [m] by which the boxes are wider, for places that are not known exactly; see `place_error`
 
 
 def root_motion(
@@ -46,8 +46,6 @@ def root_motion(
 def root_motion_bounds(base: UnicycleMotion, k: Indices, since: Array, length: Array, *, height: float) -> Array:
     """Bounds on the motion of the root over stretches of the intervals k, see `root_bounds`, shape (2, 4, K).
 
-    The path's length bounds how far the base strays from the middle between the two ends of a stretch.
-
     Args:
         base: The motion.
         k: Intervals, shape (K,).
@@ -55,14 +53,24 @@ def root_motion_bounds(base: UnicycleMotion, k: Indices, since: Array, length: A
         length: How long they last, shape (K,) [s].
         height: Of the ground in the root frame [m].
     """
-    peaks = base.peaks(k, since, length)
+    return root_bounds(base.peaks(k, since, length), surface_bounds(base, k, since, length), abs(height))
+
+
+def surface_bounds(base: UnicycleMotion, k: Indices, since: Array, length: Array) -> Array:
+    """Bounds on the derivatives of the ground's height under the base over stretches, shape (5, K).
+
+    The path's length bounds how far the base strays from the middle between the two ends of a stretch.
+
+    Args:
+        base, k, since, length: As in `root_motion_bounds`.
+    """
     if base.ground.uniform:
-        return root_bounds(peaks)
+        return np.zeros((5, len(k)))
+    peaks = base.peaks(k, since, length)
     ends = [base.state_in(k, at)[0][:, :2] for at in (since, since + length)]
     stray = 0.5 * (peaks[0, 0] * length)[:, None] + STRAY
     middle = 0.5 * (ends[0] + ends[1])
-    surface = base.ground.derivative_bounds(middle - stray, middle + stray)
-    return root_bounds(peaks, surface, abs(height))
+    return base.ground.derivative_bounds(middle - stray, middle + stray)
 
 
 def followed(trajectory: Trajectory, ground: Ground) -> Trajectory:

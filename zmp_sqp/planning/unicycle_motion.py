@@ -23,6 +23,8 @@ CONSISTENCY = 1e-6  # [m, rad, per second] how far a file's nodes may be from wh
 ARRIVAL = 1e-3  # [m or rad] farthest from the goal that counts as there
 CORRIDOR = 1e-6  # [m] farthest outside x and y bounds at a node
 PLANE = Slope()
+LONGEST = 0.1  # [s] of a piece of path over uneven ground that is one polynomial
+MOST_PIECES = 20_000  # however long the motion is
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,6 +103,11 @@ class UnicycleMotion:
         k = np.arange(len(times) - 1)
         poses[1:, :2] += np.cumsum(curve.displacement(k, np.diff(times)), axis=0)
         return cls(times, poses, velocities, *pushes, ground)
+
+    @property
+    def pieces(self) -> Indices:
+        """How many polynomials make the path in each interval, shape (N,)."""
+        return self._path.pieces
 
     def on(self, ground: Terrain) -> UnicycleMotion:
         """The same motion on other ground.
@@ -195,7 +202,12 @@ def _curve(
     pose: Array, velocity: Array, a: Array, j: Array, steps: Array, ground: Terrain, *, chained: bool
 ) -> tuple[PlaceCurve, Array]:
     """Path of N intervals, and its places at Gauss points; off the map as at its rim."""
-    t = steps[:, None] * SHARES  # (N, points)
+    parts = np.ones(len(steps), dtype=int)
+    if not ground.uniform:
+        parts = np.ceil(steps / max(LONGEST, float(steps.sum()) / MOST_PIECES)).astype(int).clip(1)
+    number = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
+    t = np.repeat(steps / parts, parts)[:, None] * (number[:, None] + SHARES)  # (pieces, points)
+    pose, velocity, a, j, places = *(np.repeat(part, parts, axis=0) for part in (pose, velocity, a, j)), pose[:, :2]
     yaw = _yaw(pose, velocity, a, j, t).ravel()
     rates = np.zeros((yaw.size, 2))
     rates[:, 0] = (velocity[:, :1] + t * a[:, :1] + 0.5 * t**2 * j[:, :1]).ravel()
@@ -205,4 +217,4 @@ def _curve(
         poses = np.column_stack([np.clip(places.reshape(-1, 2), low, high), yaw])
         return ground.ground_rates(poses, rates).rates.reshape(places.shape)
 
-    return PlaceCurve.integrated(pose[:, :2], steps, to_rates, chained=chained)
+    return PlaceCurve.integrated(places, steps, parts, to_rates, chained=chained)
