@@ -14,11 +14,33 @@ from tests.problems import GRAVITY, PAPER_GOAL, PAPER_START, Scene, paper_scene
 
 Array = np.ndarray
 LIMITS = {"max_speed": 10.0, "max_acceleration": 2.0, "max_yaw_rate": 0.5, "max_yaw_acceleration": 1.0}
+WAVES = ((0.10, 18.0, 0.3, 0.5), (0.12, 25.0, 1.9, 2.0))  # radius of curvature at least 50 m
 CHORD = 6.0  # [m] the retreat backs off so far, on an arc of 1 rad
 
 
 def base(start: Any = (0.0, 0.0, 0.0), goal: Any = (0.0, 0.0, 0.0), **options: Any) -> zs.UnicycleBase:
     return zs.UnicycleBase(start=start, goal=goal, **(LIMITS | options))
+
+
+def rolling_map(
+    roll: float = -20.0, pitch: float = 0.0, *, waves: Any = WAVES, resolution: float = 1.0, low: Any = (-16.0, -14.0),
+    high: Any = (10.0, 10.0),
+) -> zs.Heightmap:  # fmt: skip
+    """Waves (height [m], length [m], direction [rad], phase [rad]) on a plane that leans by roll and pitch [deg]."""
+    x, y = (np.arange(start, stop + 0.5 * resolution, resolution) for start, stop in zip(low, high, strict=True))
+    normal = pin.utils.rotate("y", np.deg2rad(pitch)) @ pin.utils.rotate("x", np.deg2rad(roll)) @ [0.0, 0.0, 1.0]
+    heights = -(normal[0] * x[None, :] + normal[1] * y[:, None]) / normal[2]
+    for height, length, direction, phase in waves:
+        along = np.cos(direction) * x[None, :] + np.sin(direction) * y[:, None]
+        heights = heights + height * np.cos(2.0 * np.pi / length * along + phase)
+    return zs.Heightmap(heights, resolution, low)
+
+
+@cache
+def terrain() -> tuple[Scene, zs.Plan]:
+    """The retreat over rolling ground that leans as much."""
+    scene = paper_scene(point_masses=False)
+    return scene, zs.plan(replace(retreat_problem(scene), ground=rolling_map()))
 
 
 @cache

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.checks import central_differences
-from tests.planning.driving import base
+from tests.planning.driving import base, rolling_map
 from tests.problems import FOOTPRINT, GRAVITY, Scene, Tree
 from zmp_sqp.planning.driving import DrivingTranscription
 from zmp_sqp.planning.driving_model import DrivingModel
@@ -22,10 +22,11 @@ CURVATURE = 1e-5  # differences of differences
 ROUNDING = 1e-12
 N = 4
 REFERENCE = 2.3  # [s]
+ROUGH = rolling_map(-10.0, 5.0, waves=((0.6, 9.0, 0.3, 0.5), (0.4, 7.0, 1.9, 2.0)), low=(-40, -40), high=(40, 40))
 SCENE = Scene("feller_buncher", FOOTPRINT, Tree(3000.0), roll=-0.2, pitch=0.15)
 
 
-def make(*, moving: bool, hold: Hold, tied: bool = False) -> DrivingTranscription:
+def make(*, moving: bool, hold: Hold, tied: bool = False, terrain: Any = SCENE.ground) -> DrivingTranscription:
     machine, rng = SCENE.load(), np.random.default_rng(7)
     v0, v1 = rng.uniform(-0.4, 0.4, (2, 7)) * moving
     given = base((0.5, -0.2, 0.3), (-2.0, 1.0, -0.5), start_velocity=v0[5:], goal_velocity=v1[5:], y_bounds=(-1.0, 1.5))
@@ -40,18 +41,20 @@ def make(*, moving: bool, hold: Hold, tied: bool = False) -> DrivingTranscriptio
     )  # fmt: skip
     ties = slope_ties(rng.normal(0.0, 1.0, (N, 7))) if tied else None
     ends = Boundary(start, v0), Boundary(goal, v1)
-    model = DrivingModel(machine, SCENE.ground)
+    model = DrivingModel(machine, terrain)
     return DrivingTranscription(
-        Transcription(model, *ends, bounds, intervals=N, reference=REFERENCE, hold=hold, ties=ties), given
+        Transcription(model, *ends, bounds, intervals=N, reference=REFERENCE, hold=hold, ties=ties), given, terrain
     )
 
 
 @pytest.fixture(
-    params=[(v, h) for v in (False, True) for h in (CONSTANT, LINEAR)],
-    ids=lambda p: f"{'moving' if p[0] else 'rest'}-{'constant' if p[1] is CONSTANT else 'linear'}",
+    params=[(v, h, t) for v in (False, True) for h in (CONSTANT, LINEAR) for t in (SCENE.ground, ROUGH)],
+    ids=lambda p: "-".join(
+        ("moving" if p[0] else "rest", "constant" if p[1] is CONSTANT else "linear", type(p[2]).__name__.lower())
+    ),
 )
 def nlp(request: pytest.FixtureRequest) -> DrivingTranscription:
-    return make(moving=request.param[0], hold=request.param[1])
+    return make(moving=request.param[0], hold=request.param[1], terrain=request.param[2])
 
 
 def closed(nlp: DrivingTranscription, seed: int = 0) -> np.ndarray:
@@ -95,7 +98,7 @@ def test_linearize_and_evaluate_agree(nlp: DrivingTranscription) -> None:
 @pytest.mark.parametrize("tied", [False, True])
 def test_basis_spans_the_null_space_of_the_gaps_and_closes_them(nlp: DrivingTranscription, tied: bool) -> None:
     if tied:
-        nlp = make(moving=True, hold=LINEAR, tied=True)
+        nlp = make(moving=True, hold=LINEAR, tied=True, terrain=nlp.terrain)
     lin = nlp.linearize(anywhere(nlp))
     basis = lin.basis
     gaps = lin.A[: basis.eliminated]
@@ -119,7 +122,10 @@ def test_arriving_meets_the_goal_to_rounding(nlp: DrivingTranscription) -> None:
     np.testing.assert_allclose(equalities, 0.0, atol=1e-9)
 
 
-def test_hessian_of_the_lagrangian_but_for_the_positions_gaps(nlp: DrivingTranscription) -> None:
+@pytest.mark.parametrize("hold", [CONSTANT, LINEAR])
+@pytest.mark.parametrize("moving", [False, True])
+def test_hessian_of_the_lagrangian_but_for_the_positions_gaps(hold: Hold, moving: bool) -> None:
+    nlp = make(moving=moving, hold=hold)
     x, rng = closed(nlp, 3), np.random.default_rng(2)
     lin = nlp.linearize(x)
     z = rng.uniform(0.0, 1.0, len(lin.at.inequalities))

@@ -8,15 +8,16 @@ from typing import Any
 import numpy as np
 
 from zmp_sqp.arrays import Array, finite_number, frozen_array
-from zmp_sqp.errors import MachineError, ProblemError, TrajectoryError
+from zmp_sqp.errors import ProblemError
 from zmp_sqp.mechanics.ground import Ground
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.motion_bounds import WrenchBound, wrench_bounds, wrench_curvature_bound
 from zmp_sqp.mechanics.wrench import ground_reaction
 from zmp_sqp.planning.double_integrator import minimum_time
 from zmp_sqp.planning.limits_in_time import limit_excess
+from zmp_sqp.planning.motion_checks import check_arguments, check_drift
 from zmp_sqp.planning.place_error import misplaced_root_bounds
-from zmp_sqp.planning.root_motion import followed, root_motion, root_motion_bounds
+from zmp_sqp.planning.root_motion import check_tracks, followed, root_motion, root_motion_bounds
 from zmp_sqp.planning.trajectory import Trajectory
 from zmp_sqp.planning.unicycle import UnicycleBase
 from zmp_sqp.planning.unicycle_motion import base_excess
@@ -32,7 +33,6 @@ HEADROOM = 1.2  # by which more parts are made than a bound that falls with the 
 LOOSE = 2e-4  # [m] by which the guaranteed margin may fall short of the sampled one
 ROUNDING = 1e-9  # [m] taken off for floating point, on top of what is proven of inverse dynamics
 OPERATIONS = 100.0  # roundings that add up in a wrench: at most ten per joint and factor, and to spare
-DRIFT = 1e-6  # [rad/s or m/s, rad or m] that the nodes may add up to beside what the accelerations give
 EPSILON = float(np.finfo(float).eps)
 LIMIT_TOLERANCE = 1e-9  # largest excess over a limit of a motion that keeps them, as a share of it if it is below 1
 
@@ -63,6 +63,11 @@ class Certificate:
     gap: float
     required: float
 
+    @classmethod
+    def of_nothing(cls, required: float) -> Certificate:
+        """What is guaranteed of a motion that cannot be looked at."""
+        return cls(-np.inf, 0.0, 0, -np.inf, limits_ok=False, limit_excess=np.inf, gap=0.0, required=required)
+
     @property
     def safe(self) -> bool:
         """Whether the asked margin and the joint limits hold at all times."""
@@ -91,13 +96,16 @@ def certify(
 
     Raises:
         MachineError: No machine, or no support polygon.
-        ProblemError: The trajectory has other joints, margin or gravity are not numbers, or the base moves on other
-            ground than a plane, or not at all although it has limits.
+        ProblemError: The trajectory has other joints, margin or gravity are not numbers, or the base moves on ground
+            that is no terrain, off its map, over ground that its tracks cannot follow, or not at all although it has
+            limits.
         TrajectoryError: No trajectory, or one whose nodes drift away from what its accelerations produce.
     """
-    _check_types(machine, trajectory, ground)
+    check_arguments(machine, trajectory, ground)
     trajectory = followed(trajectory, ground)
-    _check_drift(trajectory)
+    if trajectory.base is not None:
+        check_tracks(trajectory.base, machine.support)  # type: ignore[arg-type]
+    check_drift(trajectory)
     required = finite_number(margin, name="margin", error=ProblemError)
     gravity = frozen_array(ground.gravity(), name="gravity", shape=(3,), error=ProblemError)
     excess, relative = limit_excess(machine, trajectory)
@@ -140,36 +148,6 @@ def certify(
         margin=guaranteed - ROUNDING, margin_at=at, edge=edge, sampled=sampled, limits_ok=kept,
         limit_excess=excess, gap=trajectory.duration / bound - 1.0 if bound > 0.0 else 0.0, required=required,
     )  # fmt: skip
-
-
-def _check_types(machine: Machine, trajectory: Trajectory, ground: Ground) -> None:
-    if not isinstance(machine, Machine):
-        raise MachineError(f"machine must be a Machine (see load_machine), not {type(machine).__name__}")
-    if not isinstance(trajectory, Trajectory):
-        raise TrajectoryError(f"trajectory must be a Trajectory, not {type(trajectory).__name__}")
-    if not isinstance(ground, Ground):
-        raise ProblemError(f"ground must have a gravity(yaw) as Slope has, not {ground!r}")
-    if machine.support is None:
-        raise MachineError(f"machine {machine.name!r} has no support polygon: give support= to load_machine")
-    if trajectory.joint_names != machine.joint_names:
-        raise ProblemError(f"the trajectory moves {trajectory.joint_names}, the machine has {machine.joint_names}")
-
-
-def _check_drift(trajectory: Trajectory) -> None:
-    """Refuse nodes that drift away from what the accelerations produce."""
-    # a rate that creeps up by less than `Trajectory` notices, from each of many nodes to the next, is an acceleration
-    q, v, _ = trajectory.state_in(np.arange(trajectory.intervals), np.diff(trajectory.times))
-    followed = [("velocities", trajectory.velocities, v), ("positions", trajectory.positions, q)]
-    if (base := trajectory.base) is not None:
-        pose, velocity, _ = base.state_in(np.arange(trajectory.intervals), np.diff(base.times))
-        followed += [("base velocities", base.velocities, velocity), ("base poses", base.poses, pose)]
-    for name, values, reached in followed:
-        gaps = values[1:] - reached
-        with np.errstate(all="ignore"):
-            drift = float(np.ptp(np.vstack([np.zeros_like(gaps[:1]), np.cumsum(gaps, axis=0)]), axis=0).max())
-            allowed = DRIFT + OPERATIONS * EPSILON * float(np.abs(values).sum(axis=0).max())
-        if not drift <= allowed:
-            raise TrajectoryError(f"{name} drift by {drift:.3g} away from what the accelerations produce")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

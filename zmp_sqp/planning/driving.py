@@ -8,6 +8,7 @@ import scipy.sparse as sp
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.mechanics.ground import Slope, Terrain
+from zmp_sqp.planning.corridor import corridor_rows
 from zmp_sqp.planning.moves import Moves, runge_kutta_moves
 from zmp_sqp.planning.transcription import Transcription
 from zmp_sqp.planning.unicycle import UnicycleBase
@@ -15,8 +16,6 @@ from zmp_sqp.sqp.nlp import Basis, Evaluation, Linearization
 
 __all__ = ["DrivingTranscription"]
 
-CORRIDOR_GUARD = 1e-7  # [m] kept inside x and y bounds at the nodes
-RIM_GUARD = 0.02  # [m] kept inside the map at the nodes, so that it is not left between them
 ARRIVED = 1e-12  # [m] from the goal, beside it Newton's steps do not lead nearer
 ARRIVALS = 8  # steps at most; a plane takes one
 PASSES = 20  # of Newton's method over all nodes at once; a plane takes one
@@ -61,30 +60,11 @@ class DrivingTranscription:
         self._eliminated = inner.layout.eliminated
         self.eliminated = self._eliminated + 2 + 2 * self.N
         self._last = np.delete(np.arange(2 * self.n), self.n - 2) + self._eliminated  # rows of the inner program
-        self._corridor, self._edges = self._corridor_rows(reach)
+        columns = np.arange(self.size)[self.positions].reshape(-1, 2)[1:-1]  # the ends are given
+        self._corridor, self._edges = corridor_rows(base, terrain, columns, size=self.size, reach=reach)
         self.nonlinear_rows: npt.NDArray[np.bool_] = np.append(
             inner.nonlinear_rows, np.zeros(len(self._edges), dtype=bool)
         )
-
-    def _corridor_rows(self, reach: float) -> tuple[sp.csr_array, Array]:
-        """Rows R and bounds b with R x <= b: positions of the nodes between the bounds that there are."""
-        lower, upper = self.base.corridor
-        low, high = self.terrain.extent
-        lower = np.maximum(lower + CORRIDOR_GUARD, low + reach + RIM_GUARD)
-        upper = np.minimum(upper - CORRIDOR_GUARD, high - reach - RIM_GUARD)
-        both = np.vstack([self.base.start[:2], self.base.goal[:2]])
-        lower, upper = np.minimum(lower, both.min(axis=0)), np.maximum(upper, both.max(axis=0))
-        columns = np.arange(self.size)[self.positions].reshape(-1, 2)[1:-1]  # the ends are given
-        index, signs, edges = [np.zeros(0, dtype=int)], [np.zeros(0)], [np.zeros(0)]
-        for axis in range(2):
-            for sign, bound in ((1.0, upper[axis]), (-1.0, lower[axis])):
-                if np.isfinite(bound):
-                    index.append(columns[:, axis])
-                    signs.append(np.full(len(columns), sign))
-                    edges.append(np.full(len(columns), sign * bound))
-        count = sum(len(part) for part in edges)
-        entries = (np.concatenate(signs), (np.arange(count), np.concatenate(index)))
-        return sp.csr_array(entries, shape=(count, self.size)), np.concatenate(edges)
 
     # --- points -------------------------------------------------------------------------------
 

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from zmp_sqp.arrays import Array, finite_number
-from zmp_sqp.errors import ProblemError
+from zmp_sqp.errors import ProblemError, TrajectoryError
 from zmp_sqp.mechanics.ground import GRAVITY
-from zmp_sqp.planning.answer import Plan, Status
+from zmp_sqp.planning.answer import Plan, Status, diagnosis
 from zmp_sqp.planning.certificate import Certificate, certify
 from zmp_sqp.planning.double_integrator import grid_minimum_time
 from zmp_sqp.planning.driving import DrivingTranscription
@@ -141,12 +141,20 @@ def plan(
         refined = solve(looser, spread, S, ties)
         if refined[1].status.is_feasible and refined[0].unpack(refined[1].x)[3] <= S:
             (nlp, result), bounds = refined, looser
-    tightened = 0.0
+    tightened, obstacle = 0.0, ""
+    attempt: Trajectory | None = None
     for _ in range(MAX_TIGHTENINGS):
-        attempt = _trajectory(problem, nlp, result.x)
-        checked = certify(problem.machine, attempt, problem.ground, problem.margin, base=problem.base)
+        try:
+            attempt = found = _trajectory(problem, nlp, result.x)
+            checked = certify(problem.machine, found, problem.ground, problem.margin, base=problem.base)
+        except (ProblemError, TrajectoryError) as cause:  # off the map, or where the tracks cannot follow
+            if problem.base is None or problem.base_ground.uniform:
+                raise
+            attempt, checked = None, Certificate.of_nothing(problem.margin)
+            status, obstacle = Status.TERRAIN, str(cause)
+            break
         status = OUTCOMES.get(result.status, Status.FAILED)
-        proven = checked.safe and problem.is_met_by(attempt)
+        proven = checked.safe and problem.is_met_by(found)
         if proven and not status.success:  # the proof does not ask how the motion was found
             status = Status.SAFE
         if not status.success or proven:
@@ -164,8 +172,8 @@ def plan(
     return Plan(
         problem=problem,
         status=status,
-        message=_message(problem, status, checked),
-        duration=attempt.duration,
+        message=diagnosis(problem, status, checked, obstacle),
+        duration=float(np.sqrt(nlp.unpack(result.x)[3])) if attempt is None else attempt.duration,
         lower_bound=lower_bound,
         certificate=checked,
         iterations=len(history),
@@ -268,23 +276,6 @@ def _trajectory(problem: Problem, nlp: Program, x: Array) -> Trajectory:
     return Trajectory(problem.machine.joint_names, times, q[:, :n], v[:, :n], ends[0][:, :n], jerks[:, :n], drive)
 
 
-def _message(problem: Problem, status: Status, checked: Certificate) -> str:
-    if status.success or problem.machine.support is None:
-        return str(status)
-    if np.isinf(checked.limit_excess):
-        return f"{status} The last motion looked at ends beside its goal, or leaves the base's x or y bounds."
-    if checked.limit_excess > 1e-6:
-        return f"{status} The last motion looked at exceeds a joint limit by {checked.limit_excess:.3g}."
-    if checked.margin >= problem.margin:
-        return str(status)
-    edge = problem.machine.support.edge_name(checked.edge)
-    if not np.isfinite(checked.margin):
-        return f"{status} At {checked.margin_at:.2f} s the machine would lift off the ground."
-    short = problem.margin - checked.margin
-    kept = f" less the margin of {problem.margin:.3g} m" if problem.margin else ""
-    return f"{status} At {checked.margin_at:.2f} s the ZMP would leave the {edge} edge{kept} by {short:.3f} m."
-
-
 def _already_there(problem: Problem, qp_solver: str, started: float) -> Plan:
     """Start and goal are the same state, at rest or in motion: a motion of no duration."""
     q, v = (np.vstack([part] * 2) for part in (problem.start, problem.start_velocity))
@@ -297,7 +288,7 @@ def _already_there(problem: Problem, qp_solver: str, started: float) -> Plan:
     checked = certify(problem.machine, attempt, problem.ground, problem.margin, base=problem.base)
     status = Status.FASTEST_POSSIBLE if checked.safe else Status.INFEASIBLE
     return Plan(
-        problem=problem, status=status, message=_message(problem, status, checked), duration=0.0,
+        problem=problem, status=status, message=diagnosis(problem, status, checked), duration=0.0,
         lower_bound=0.0, certificate=checked, iterations=0, solve_time=time.perf_counter() - started, history=(),
         qp_solver=qp_solver, attempt=attempt,
     )  # fmt: skip

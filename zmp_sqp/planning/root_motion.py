@@ -12,13 +12,17 @@ from zmp_sqp.errors import ProblemError
 from zmp_sqp.mechanics.ground import Ground, Terrain
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.root_bounds import root_bounds
+from zmp_sqp.mechanics.support import SupportPolygon
 from zmp_sqp.mechanics.wrench import ground_reaction
 from zmp_sqp.mechanics.zero_moment_point import zmp_of_wrench
 from zmp_sqp.planning.trajectory import Trajectory
 from zmp_sqp.planning.unicycle_motion import UnicycleMotion
 
-__all__ = ["followed", "root_motion", "root_motion_bounds", "surface_bounds", "trajectory_zmp"]
+__all__ = ["check_tracks", "followed", "root_motion", "root_motion_bounds", "surface_bounds", "trajectory_zmp"]
 
+TRACK_STEP = 0.25  # [m] between poses at which the ground under the tracks is looked at
+TURN_STEP = 0.1  # [rad] likewise
+MOST_POSES = 20_000  # likewise
 STRAY = 1e-3  # [m] by which the boxes are wider, for places that are not known exactly; see `place_error`
 
 
@@ -54,6 +58,21 @@ def root_motion_bounds(base: UnicycleMotion, k: Indices, since: Array, length: A
         height: Of the ground in the root frame [m].
     """
     return root_bounds(base.peaks(k, since, length), surface_bounds(base, k, since, length), abs(height))
+
+
+def check_tracks(base: UnicycleMotion, support: SupportPolygon) -> None:
+    """Refuse a path whose ground the tracks cannot follow, looked at every `TRACK_STEP` and `TURN_STEP`.
+
+    Raises:
+        ProblemError: The ground is too rough, or not on the map under the tracks; the message says where.
+    """
+    if base.ground.uniform:
+        return
+    k, h = np.arange(len(base.jerks)), np.diff(base.times)
+    peaks = base.peaks(k, 0.0 * h, h)[:, 0]
+    parts = np.ceil(np.maximum(h * peaks[0] / TRACK_STEP, h * peaks[1] / TURN_STEP)).clip(1, MOST_POSES // len(h) + 1)
+    t = [start + step * np.arange(count) / count for start, step, count in zip(base.times, h, parts, strict=False)]
+    base.ground.check_followable(support, base(np.append(np.concatenate(t), base.times[-1]))[0])
 
 
 def surface_bounds(base: UnicycleMotion, k: Indices, since: Array, length: Array) -> Array:
