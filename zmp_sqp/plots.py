@@ -10,7 +10,7 @@ import numpy as np
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.errors import ContactLost, ProblemError
-from zmp_sqp.mechanics import Ground, Machine, SupportPolygon
+from zmp_sqp.mechanics import Machine, SupportPolygon
 from zmp_sqp.planning import Problem, Trajectory, trajectory_zmp
 from zmp_sqp.scenario import sliding_joints
 
@@ -64,19 +64,19 @@ def plot_zmp(
         name: [_locus(problem, trajectory, times) for times in sample_times(trajectory)]
         for name, trajectory in trajectories.items()
     }
-    draw_loci(figure, support, problem.ground, loci, window=window)
+    draw_loci(figure, support, problem.gravity_at("start"), loci, window=window)
     save(figure, path)
 
 
 def draw_loci(
-    figure: Figure, support: SupportPolygon, ground: Ground, loci: Mapping[str, Sequence[Array]], *, window: float = 0.0
+    figure: Figure, support: SupportPolygon, gravity: Array, loci: Mapping[str, Sequence[Array]], *, window: float = 0.0
 ) -> None:
     """Draw support polygon, ZMP loci with their ends, and the way downhill; the legend stands above.
 
     Args:
         figure: An empty one.
         support: The polygon.
-        ground: For its slope.
+        gravity: In the root frame, which tells the way downhill, shape (3,) [m/s^2].
         loci: By planner; one array (K, 2) of ZMPs in the root frame for each piece without a jump [m].
         window: Both axes reach from -window to window, as the paper's do [m]; 0 fits them to what is drawn.
     """
@@ -96,7 +96,7 @@ def draw_loci(
             axes.plot(*point, color=colours[name], marker=marker, markersize=7, markeredgecolor="black", zorder=3)
     for marker, label in (("o", "ZMP initial"), ("s", "ZMP final")):
         axes.plot([], [], "w", marker=marker, markersize=7, markeredgecolor="black", linestyle="none", label=label)
-    _draw_downhill(axes, ground)
+    _draw_downhill(axes, gravity)
     if window:
         axes.set(xlim=(-window, window), ylim=(-window, window))
     axes.set_aspect("equal", adjustable="box" if window else "datalim")
@@ -180,9 +180,8 @@ def _paper_axes(points: Array) -> Array:
     return np.column_stack([-points[:, 1], points[:, 0]])
 
 
-def _draw_downhill(axes: Axes, ground: Ground) -> None:
+def _draw_downhill(axes: Axes, gravity: Array) -> None:
     """Arrow from the origin down the slope, as long as the slope is steep; none on level ground."""
-    gravity = ground.gravity()
     down = gravity[:2] / np.linalg.norm(gravity)
     if np.linalg.norm(down) > LEVEL:
         [tip] = _paper_axes(2.0 * down[None])

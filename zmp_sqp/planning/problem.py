@@ -157,6 +157,14 @@ class Problem:
             raise ProblemError(f"a base drives on a Slope or a Heightmap, not on {type(self.ground).__name__}")
         return self.ground
 
+    def gravity_at(self, side: str) -> Array:
+        """Gravity in the root frame at the "start" or the "goal", shape (3,) [m/s^2]."""
+        if self.base is None:
+            return self.ground.gravity()
+        rest = np.zeros((1, 2))
+        motion = self.base_ground.base_motion(getattr(self.base, side)[None], rest, rest)
+        return np.asarray(-motion.acceleration[0, :3])
+
     def _check_model(self) -> None:
         if self.distance_limits is not None and self.model != "simplified":
             raise ProblemError('distance_limits belong to model="simplified"')
@@ -223,10 +231,7 @@ class Problem:
         support, margin = self.machine.support, self.margin
         if support is None:
             return
-        still, root = np.zeros((1, len(q))), np.concatenate([-self.ground.gravity(), np.zeros(3)])
-        if self.base is not None:
-            rest = np.zeros((1, 2))
-            root = self.base_ground.base_motion(getattr(self.base, name)[None], rest, rest).acceleration
+        still, root = np.zeros((1, len(q))), np.concatenate([-self.gravity_at(name), np.zeros(3)])
         wrench = ground_reaction(self.machine, q[None], still, still, root_acceleration=root)
         point = zmp_of_wrench(wrench, support.height)[0]
         over = support.normals @ point - support.offsets

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from zmp_sqp.arrays import Array, Indices, frozen_array
+from zmp_sqp.arrays import Array, Indices, frozen_array, shortened
 from zmp_sqp.errors import TrajectoryError
 from zmp_sqp.mechanics.ground import Slope, Terrain
 from zmp_sqp.planning.place_curve import SHARES, PlaceCurve
 from zmp_sqp.planning.unicycle import UnicycleBase
 
-__all__ = ["ARRIVAL", "BASE_COLUMNS", "UnicycleMotion", "base_excess"]
+__all__ = ["ARRIVAL", "BASE_COLUMNS", "PLANE", "UnicycleMotion", "base_excess"]
 
 BASE_COLUMNS = (
     "base.x", "base.y", "base.yaw", "base.speed", "base.yaw_rate", "base.acceleration", "base.yaw_acceleration",
@@ -23,6 +23,7 @@ CONSISTENCY = 1e-6  # [m, rad, per second] how far a file's nodes may be from wh
 ARRIVAL = 1e-3  # [m or rad] farthest from the goal that counts as there
 CORRIDOR = 1e-6  # [m] farthest outside x and y bounds at a node
 PLANE = Slope()
+PLANAR = " in a plane; if it drove over a heightmap, give that as its ground"
 LONGEST = 0.1  # [s] of a piece of path over uneven ground that is one polynomial
 MOST_PIECES = 20_000  # however long the motion is
 
@@ -68,6 +69,8 @@ class UnicycleMotion:
             "accelerations": (count - 1, 2),
             "jerks": (count - 1, 2),
         }
+        if not isinstance(self.ground, Terrain) or isinstance(self.ground, type):
+            raise TrajectoryError(f"a base drives on a Slope or a Heightmap, not on {shortened(self.ground)}")
         times = frozen_array(self.times, name="base times", shape=(count,), error=TrajectoryError)
         object.__setattr__(self, "times", times)
         for name, shape in shapes.items():
@@ -84,6 +87,7 @@ class UnicycleMotion:
             name = BASE_COLUMNS[int(worst[1])]
             raise TrajectoryError(
                 f"{name} does not follow from the accelerations: node {int(worst[0]) + 1} is off by {gap[worst]:.3g}"
+                f"{PLANAR if self.ground.uniform and worst[1] < 2 else ''}"
             )
 
     @classmethod
@@ -168,9 +172,9 @@ class UnicycleMotion:
         return np.column_stack([self.poses, self.velocities, *pushes])
 
     @classmethod
-    def from_table(cls, times: Array, table: Array) -> UnicycleMotion:
+    def from_table(cls, times: Array, table: Array, ground: Terrain = PLANE) -> UnicycleMotion:
         """The inverse of `table`."""
-        return cls(times, table[:, :3], table[:, 3:5], table[:-1, 5:7], table[:-1, 7:9])
+        return cls(times, table[:, :3], table[:, 3:5], table[:-1, 5:7], table[:-1, 7:9], ground)
 
 
 def base_excess(base: UnicycleBase, motion: UnicycleMotion) -> float:
