@@ -6,10 +6,10 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 
-from zmp_sqp.arrays import Array
+from zmp_sqp.arrays import Array, Indices
 from zmp_sqp.mechanics.ground import Slope, Terrain
 from zmp_sqp.planning.corridor import corridor_rows
-from zmp_sqp.planning.moves import Moves, runge_kutta_moves
+from zmp_sqp.planning.moves import COURSE, Moves, runge_kutta_moves
 from zmp_sqp.planning.transcription import Transcription
 from zmp_sqp.planning.unicycle import UnicycleBase
 from zmp_sqp.sqp.nlp import Basis, Evaluation, Linearization
@@ -21,6 +21,7 @@ ARRIVALS = 8  # steps at most; a plane takes one
 PASSES = 20  # of Newton's method over all nodes at once; a plane takes one
 SETTLED = 1e-14  # relative, of positions
 PLANE = Slope()
+SIMPSON = np.array([[1.0], [4.0], [1.0]]) / 6.0  # at start, middle and end of an interval
 
 
 class DrivingTranscription:
@@ -62,6 +63,7 @@ class DrivingTranscription:
         self._last = np.delete(np.arange(2 * self.n), self.n - 2) + self._eliminated  # rows of the inner program
         columns = np.arange(self.size)[self.positions].reshape(-1, 2)[1:-1]  # the ends are given
         self._corridor, self._edges = corridor_rows(base, terrain, columns, size=self.size, reach=reach)
+        self._courses = self._course_map()
         self.nonlinear_rows: npt.NDArray[np.bool_] = np.append(
             inner.nonlinear_rows, np.zeros(len(self._edges), dtype=bool)
         )
@@ -155,7 +157,15 @@ class DrivingTranscription:
             of_inner[self._last - self._eliminated] = y[: len(self._last)]
         rows = self.inner.layout.inequalities
         places = None if self.terrain.uniform else self._places(x, self._moves(x))
-        H = self._widened(self.inner.hessian(self._inner(x), of_inner, z[:rows], convex=convex, places=places))
+        H = self.inner.hessian(self._inner(x), of_inner, z[:rows], convex=convex, places=places)
+        if len(y):
+            weights = np.repeat(y[None, -2:], self.N, axis=0)
+            if len(self._edges):
+                pull = (self._corridor.T @ z[rows:])[self.positions].reshape(-1, 2)[1:]
+                weights += np.cumsum(pull[::-1], axis=0)[::-1]
+            if weights.any():
+                H = sp.csr_array(H + self._gap_curvature(x, weights, convex=convex))
+        H = self._widened(H)
         pointers = np.concatenate([H.indptr[:-1], np.full(2 * (self.N + 1), H.indptr[-2]), H.indptr[-1:]])
         return sp.csr_array((H.data, H.indices, pointers), shape=(self.size, self.size))
 
@@ -205,29 +215,63 @@ class DrivingTranscription:
             inequalities = np.append(inequalities, self._corridor @ x - self._edges)
         return Evaluation(inner.objective, inner.tie_breaker, np.concatenate(equalities), inequalities)
 
-    def _course_slopes(self, slopes: Array) -> sp.csr_array:
-        """Derivatives by the inner program's variables, (2 N, inner size), from those by the course, (N, 2, 8)."""
+    def _course_map(self) -> tuple[Array, Indices]:
+        """How the course (`COURSE`) follows from some of the inner program's variables, (6, c), and these, (N, c)."""
         inner, N, h, c = self.inner, self.N, 1.0 / self.N, self.hold.controls
-        by_psi, by_w = slopes[:, :, 2:5].transpose(2, 0, 1), slopes[:, :, 5:].transpose(2, 0, 1)  # (3, N, 2) each
         _, once, twice = self.hold.shapes(0.5)
-        rate_way, rate_yaw = inner.rate_scale[-2:]
-        push_way, push_yaw = inner.control_scale[-2:]
-        parts = [
-            by_psi[0] + by_psi[1], (by_w[0] + by_w[1]) * rate_way, by_psi[1] * (0.5 * h * rate_yaw),
-            *(by_w[1] * (h * once[i] * push_way) for i in range(c)),
-            *(by_psi[1] * (h**2 * twice[i] * push_yaw) for i in range(c)),
-            by_psi[2], by_w[2] * rate_way,
-        ]  # fmt: skip
-        data = np.stack(parts, axis=2)  # (N, 2, columns)
+        (rate_way, rate_yaw), (push_way, push_yaw) = inner.rate_scale[-2:], inner.control_scale[-2:]
+        to_course = np.zeros((COURSE, 5 + 2 * c))  # by psi_k, w_k (way, yaw), u_k (way, yaw), psi_{k+1}, w_{k+1} (way)
+        to_course[:2, 0] = to_course[2, 3 + 2 * c] = 1.0
+        to_course[1, 2], to_course[1, 3 + c : 3 + 2 * c] = 0.5 * h * rate_yaw, h**2 * twice * push_yaw
+        to_course[3:5, 1] = to_course[5, 4 + 2 * c] = rate_way
+        to_course[4, 3 : 3 + c] = h * once * push_way
         layout, index = inner.layout, np.arange(inner.layout.size)
         q, rates = (index[part].reshape(N + 1, self.n) for part in (layout.positions, layout.rates))
         controls = index[layout.controls].reshape(N, c, self.n)
-        columns = np.column_stack(
-            [q[:-1, -1], rates[:-1, -2:], controls[:, :, -2], controls[:, :, -1], q[1:, -1], rates[1:, -2]]
+        columns = [q[:-1, -1], rates[:-1, -2:], controls[:, :, -2], controls[:, :, -1], q[1:, -1], rates[1:, -2]]
+        return to_course, np.column_stack(columns)
+
+    def _course_slopes(self, slopes: Array) -> sp.csr_array:
+        """Derivatives by the inner program's variables, (2 N, inner size), from those by the course, (N, 2, 8)."""
+        to_course, columns = self._courses
+        data, width = slopes[:, :, 2:] @ to_course, to_course.shape[1]
+        pointers = width * np.arange(2 * self.N + 1)
+        indices = np.repeat(columns, 2, axis=0).ravel()
+        return sp.csr_array((data.ravel(), indices, pointers), shape=(2 * self.N, self.inner.layout.size))
+
+    def _gap_curvature(self, x: Array, weights: Array, *, convex: bool) -> sp.csr_array:
+        r"""Second derivatives of the moves times weights (N, 2), by the inner program's variables.
+
+        With G the rate of the place per way, which turns with the yaw like a vector, they are Simpson's rule on
+
+        .. math:: \partial^2 (w\, \mu \cdot G) = \begin{pmatrix} -w\, \mu \cdot G & \mu \cdot G_\psi \\
+                  \mu \cdot G_\psi & 0 \end{pmatrix} \quad \text{by } (\psi, w)
+
+        but for what the ground's own curvature adds.
+        """
+        (psi, w), N = self._course(self._inner(x)), self.N
+        p = x[self.positions].reshape(-1, 2)
+        low, high = self.terrain.extent
+        places = np.clip(np.vstack([p[:-1], 0.5 * (p[:-1] + p[1:]), p[1:]]), low, high)
+        unit = np.column_stack([np.ones(3 * N), np.zeros(3 * N)])
+        found = self.terrain.ground_rates(np.column_stack([places, psi.ravel()]), unit)
+        along, across = (
+            np.einsum("skc,kc->sk", part.reshape(3, N, 2), weights) * SIMPSON / N
+            for part in (found.rates, found.slopes[:, :, 2])
         )
-        width = columns.shape[1]
-        pointers = width * np.arange(2 * N + 1)
-        return sp.csr_array((data.ravel(), np.repeat(columns, 2, axis=0).ravel(), pointers), shape=(2 * N, len(index)))
+        of_course = np.zeros((N, COURSE, COURSE))
+        stage = np.arange(3)
+        of_course[:, stage, stage] = (-w * along).T
+        of_course[:, stage, stage + 3] = of_course[:, stage + 3, stage] = across.T
+        if convex:
+            values, vectors = np.linalg.eigh(of_course)
+            of_course = (vectors * np.maximum(values, 0.0)[:, None, :]) @ vectors.transpose(0, 2, 1)
+        to_course, columns = self._courses
+        blocks, width = to_course.T @ of_course @ to_course, to_course.shape[1]
+        rows = np.repeat(columns, width, axis=1).ravel()
+        size = self.inner.layout.size
+        entries = sp.coo_array((blocks.ravel(), (rows, np.tile(columns, (1, width)).ravel())), (size, size))
+        return sp.csr_array(entries)
 
     def _by_nodes(self, blocks: Array, node: int) -> sp.csr_array:
         """Rows with derivatives (N, R, 2) by the position at each interval's start (node 0) or end (1), (N R, size)."""
