@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+from scipy.interpolate import RectBivariateSpline
 
 import zmp_sqp as zs
 from tests.problems import GRAVITY, PAPER_GOAL, PAPER_START, Scene, paper_scene
@@ -63,11 +64,34 @@ def retreat() -> tuple[Scene, zs.Plan]:
     return scene, zs.plan(retreat_problem(scene))
 
 
-def zmp_from_poses(scene: Scene, trajectory: zs.Trajectory, times: Array, *, step: float = 1e-3) -> Array:
+class Surface:
+    """The ground of a scene, or a heightmap: root poses by SciPy's spline and angles, without the library."""
+
+    def __init__(self, scene: Scene, ground: Any = None) -> None:
+        self.tilt = pin.utils.rotate("y", scene.pitch) @ pin.utils.rotate("x", scene.roll)
+        self.spline = None
+        if isinstance(ground, zs.Heightmap):
+            y, x = (
+                start + ground.resolution * np.arange(n)
+                for start, n in zip(ground.origin[::-1], ground.heights.shape, strict=True)
+            )
+            self.spline = RectBivariateSpline(x, y, ground.heights.T, kx=5, ky=5, s=0.0)
+
+    def root(self, pose: Array) -> pin.SE3:
+        x, y, yaw = pose
+        if self.spline is None:
+            return pin.SE3(self.tilt @ pin.utils.rotate("z", yaw), self.tilt @ np.array([x, y, 0.0]))
+        p, r = self.spline.ev(x, y, dx=1), self.spline.ev(x, y, dy=1)
+        lean = pin.utils.rotate("y", -np.arctan(p)) @ pin.utils.rotate("x", np.arctan(r / np.hypot(1.0, p)))
+        return pin.SE3(lean @ pin.utils.rotate("z", yaw), np.array([x, y, float(self.spline.ev(x, y))]))
+
+
+def zmp_from_poses(
+    scene: Scene, trajectory: zs.Trajectory, times: Array, *, step: float = 1e-3, ground: Any = None
+) -> Array:
     """ZMP in the root frame from differences of the bodies' poses in the world, by the laws of Newton and Euler."""
-    machine = scene.load()
+    machine, surface = scene.load(), Surface(scene, ground)
     model, data = machine.model, machine.model.createData()
-    tilt = pin.utils.rotate("y", scene.pitch) @ pin.utils.rotate("x", scene.roll)
     bodies = range(1, model.njoints)
 
     shares = (-1.0, -0.5, 0.0, 0.5, 1.0)
@@ -75,8 +99,7 @@ def zmp_from_poses(scene: Scene, trajectory: zs.Trajectory, times: Array, *, ste
     arms = [machine.configuration(trajectory(times + share * step)[0]) for share in shares]
 
     def poses(base: Array, q: Array) -> tuple[Any, list[pin.SE3]]:
-        x, y, yaw = base
-        root = pin.SE3(tilt @ pin.utils.rotate("z", yaw), tilt @ np.array([x, y, 0.0]))
+        root = surface.root(base)
         q[:7] = pin.SE3ToXYZQUAT(root)
         pin.forwardKinematics(model, data, q)
         return root, [data.oMi[i].copy() for i in bodies]

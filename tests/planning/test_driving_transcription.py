@@ -124,7 +124,7 @@ def test_arriving_meets_the_goal_to_rounding(nlp: DrivingTranscription) -> None:
 
 @pytest.mark.parametrize("hold", [CONSTANT, LINEAR])
 @pytest.mark.parametrize("moving", [False, True])
-def test_hessian_of_the_lagrangian_but_for_the_positions_gaps(hold: Hold, moving: bool) -> None:
+def test_hessian_of_the_lagrangian_with_the_gaps_multipliers_that_follow(hold: Hold, moving: bool) -> None:
     nlp = make(moving=moving, hold=hold)
     x, rng = closed(nlp, 3), np.random.default_rng(2)
     lin = nlp.linearize(x)
@@ -132,13 +132,17 @@ def test_hessian_of_the_lagrangian_but_for_the_positions_gaps(hold: Hold, moving
     third = nlp.inner.layout.wrench_rows // 3
     z[2 * third : 3 * third] = 0.0  # middle control points: an approximation, by design
     y = rng.normal(0.0, 1.0, len(lin.at.equalities))
-    y[: lin.basis.eliminated] = 0.0
+    eliminated = lin.basis.eliminated
+    y[:eliminated] = 0.0
+    pull = (lin.C.T @ (z * ~nlp.nonlinear_rows))[nlp.positions].reshape(-1, 2)  # of the bounds on y, at the nodes
+    price = y[-2:] + np.cumsum(pull[:0:-1], axis=0)[::-1]
+    y[eliminated - 2 * N : eliminated] = -price.ravel()  # so that no position changes the Lagrangian
 
     def gradient(at: np.ndarray) -> Any:
         here = nlp.linearize(at)
         return here.gradient + here.tie_gradient + here.A.T @ y + here.C.T @ z
 
-    H = nlp.hessian(x, y[lin.basis.eliminated :], z, convex=False).toarray()
+    H = nlp.hessian(x, y[eliminated:], z, convex=False).toarray()
     expected = central_differences(gradient, x)
     np.testing.assert_allclose(H, expected, atol=CURVATURE * max(1.0, float(np.abs(expected).max())))
 

@@ -6,10 +6,11 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sp
 
-from zmp_sqp.arrays import Array, Indices
+from zmp_sqp.arrays import Array
 from zmp_sqp.mechanics.ground import Slope, Terrain
 from zmp_sqp.planning.corridor import corridor_rows
-from zmp_sqp.planning.moves import COURSE, Moves, runge_kutta_moves
+from zmp_sqp.planning.course import Course
+from zmp_sqp.planning.moves import Moves, runge_kutta_moves
 from zmp_sqp.planning.transcription import Transcription
 from zmp_sqp.planning.unicycle import UnicycleBase
 from zmp_sqp.sqp.nlp import Basis, Evaluation, Linearization
@@ -21,7 +22,6 @@ ARRIVALS = 8  # steps at most; a plane takes one
 PASSES = 20  # of Newton's method over all nodes at once; a plane takes one
 SETTLED = 1e-14  # relative, of positions
 PLANE = Slope()
-SIMPSON = np.array([[1.0], [4.0], [1.0]]) / 6.0  # at start, middle and end of an interval
 
 
 class DrivingTranscription:
@@ -35,7 +35,8 @@ class DrivingTranscription:
 
     Equalities: those of the inner program that its basis satisfies, first position, gaps of the position (interval by
     interval), its last states but for the way, last position. Inequalities: the inner program's, then the bounds on
-    x and y at the nodes. Curvature of the position's gaps, and by the position, is left out of the Hessian.
+    x and y at the nodes. The Hessian has the curvature of the position's gaps by the course, with the multipliers that
+    follow from those of the goal and of the bounds in a plane; what the ground's own curvature adds is left out.
 
     Sparsity of gap k: psi_k, w_k (way, yaw), u_k (way, yaw), psi_{k+1}, w_{k+1} (way), p_k, p_{k+1}. Unless the ground
     is the same everywhere, wrench rows have p_k (start), p_{k+1} (end), and the gap's columns (middle) as well.
@@ -63,7 +64,7 @@ class DrivingTranscription:
         self._last = np.delete(np.arange(2 * self.n), self.n - 2) + self._eliminated  # rows of the inner program
         columns = np.arange(self.size)[self.positions].reshape(-1, 2)[1:-1]  # the ends are given
         self._corridor, self._edges = corridor_rows(base, terrain, columns, size=self.size, reach=reach)
-        self._courses = self._course_map()
+        self._course = Course(inner)
         self.nonlinear_rows: npt.NDArray[np.bool_] = np.append(
             inner.nonlinear_rows, np.zeros(len(self._edges), dtype=bool)
         )
@@ -73,7 +74,7 @@ class DrivingTranscription:
     def pack(self, controls: Array, S: float) -> Array:
         """Point with controls (N, c, n) [T^2 a] and squared duration S [s^2] whose gaps are closed."""
         inner = self.inner.pack(controls, S)
-        return self._join(inner, self._driven(*self._course(inner)))
+        return self._join(inner, self._driven(*self._course.of(inner)))
 
     def _driven(self, psi: Array, w: Array) -> Array:
         """Positions of the nodes, shape (N + 1, 2), by Newton's method on the gaps."""
@@ -106,10 +107,9 @@ class DrivingTranscription:
         change = sums.T @ np.linalg.solve(sums @ sums.T, wanted - sums @ flat)
         change[:, way] = 0.0
         flat += change
-        to_w = inner.layout.sums[1]  # (N + 1, N c) rates at the nodes by the controls
-        rates = np.stack([to_w[:-1], to_w[:-1] + self._middle_rate() / self.N, to_w[1:]])  # (3, N, N c)
+        rates = self._course.rates_by_controls()
         for _ in range(ARRIVALS):
-            psi, w = self._course(inner.pack(flat.reshape(controls.shape), S))
+            psi, w = self._course.of(inner.pack(flat.reshape(controls.shape), S))
             p = self._driven(psi, w)
             miss = np.append(base.goal[:2] - p[-1], wanted[1, way] - sums[1] @ flat[:, way])
             if np.abs(miss).max() <= ARRIVED:
@@ -119,11 +119,6 @@ class DrivingTranscription:
             reach = _propagated(moves, np.zeros((2, pushed.shape[2])), pushed)[-1]
             flat[:, way] += np.linalg.lstsq(np.vstack([reach, sums[1]]), miss, rcond=1e-6)[0]
         return inner.unpack(inner.pack(flat.reshape(controls.shape), S))
-
-    def _middle_rate(self) -> Array:
-        """What unit controls add to the rate at the middle of their own interval, per h, shape (N, N c)."""
-        once = self.hold.shapes(0.5)[1]
-        return np.asarray(np.kron(np.eye(self.N), once[None]))
 
     # --- the nonlinear program ----------------------------------------------------------------
 
@@ -137,7 +132,7 @@ class DrivingTranscription:
         moves = self._moves(x)
         lin, by_places = self.inner.linearize_at(self._inner(x), self._places(x, moves))
         at = self._evaluation(x, lin.at, moves)
-        slopes = -self._course_slopes(moves.whole_slopes)
+        slopes = -self._course.slopes(moves.whole_slopes)
         A, gaps = self._widened(lin.A), self._widened(slopes) + self._steps(moves)
         A = sp.vstack([A[: self._eliminated], self._first, gaps, A[self._last], self._final], format="csr")
         C = self._widened(lin.C)
@@ -151,7 +146,7 @@ class DrivingTranscription:
         return Linearization(at, gradient, tie_gradient, A, C, basis)
 
     def hessian(self, x: Array, y: Array, z: Array, *, convex: bool) -> sp.csr_array:
-        """Hessian of the Lagrangian but for the gaps of the position and derivatives by the position."""
+        """Hessian of the Lagrangian but for derivatives by the position; exact in a plane."""
         of_inner = np.zeros(2 * self.n)
         if len(y):
             of_inner[self._last - self._eliminated] = y[: len(self._last)]
@@ -164,7 +159,8 @@ class DrivingTranscription:
                 pull = (self._corridor.T @ z[rows:])[self.positions].reshape(-1, 2)[1:]
                 weights += np.cumsum(pull[::-1], axis=0)[::-1]
             if weights.any():
-                H = sp.csr_array(H + self._gap_curvature(x, weights, convex=convex))
+                p = x[self.positions].reshape(-1, 2)
+                H = sp.csr_array(H + self._course.curvature(self.terrain, p, self._inner(x), weights, convex=convex))
         H = self._widened(H)
         pointers = np.concatenate([H.indptr[:-1], np.full(2 * (self.N + 1), H.indptr[-2]), H.indptr[-1:]])
         return sp.csr_array((H.data, H.indices, pointers), shape=(self.size, self.size))
@@ -186,17 +182,8 @@ class DrivingTranscription:
         indices = np.where(matrix.indices == self._sigma, self.size - 1, matrix.indices)
         return sp.csr_array((matrix.data, indices, matrix.indptr), shape=(matrix.shape[0], self.size))
 
-    def _course(self, inner: Array) -> tuple[Array, Array]:
-        """Yaw and rate of the way at start, middle and end of the intervals, shape (3, N) each."""
-        q, w, controls, _ = self.inner.unpack(inner)
-        h = 1.0 / self.N
-        _, once, twice = self.hold.shapes(0.5)
-        yaw = q[:-1, -1] + 0.5 * h * w[:-1, -1] + h**2 * controls[:, :, -1] @ twice
-        rate = w[:-1, -2] + h * controls[:, :, -2] @ once
-        return np.stack([q[:-1, -1], yaw, q[1:, -1]]), np.stack([w[:-1, -2], rate, w[1:, -2]])
-
     def _moves(self, x: Array) -> Moves:
-        return runge_kutta_moves(self.terrain, x[self.positions].reshape(-1, 2)[:-1], *self._course(self._inner(x)))
+        return runge_kutta_moves(self.terrain, x[self.positions].reshape(-1, 2)[:-1], *self._course.of(self._inner(x)))
 
     def _places(self, x: Array, moves: Moves) -> Array | None:
         """Where the base is at starts, ends, middles of the intervals, (3N, 2); None where it does not matter."""
@@ -214,64 +201,6 @@ class DrivingTranscription:
         if len(self._edges):
             inequalities = np.append(inequalities, self._corridor @ x - self._edges)
         return Evaluation(inner.objective, inner.tie_breaker, np.concatenate(equalities), inequalities)
-
-    def _course_map(self) -> tuple[Array, Indices]:
-        """How the course (`COURSE`) follows from some of the inner program's variables, (6, c), and these, (N, c)."""
-        inner, N, h, c = self.inner, self.N, 1.0 / self.N, self.hold.controls
-        _, once, twice = self.hold.shapes(0.5)
-        (rate_way, rate_yaw), (push_way, push_yaw) = inner.rate_scale[-2:], inner.control_scale[-2:]
-        to_course = np.zeros((COURSE, 5 + 2 * c))  # by psi_k, w_k (way, yaw), u_k (way, yaw), psi_{k+1}, w_{k+1} (way)
-        to_course[:2, 0] = to_course[2, 3 + 2 * c] = 1.0
-        to_course[1, 2], to_course[1, 3 + c : 3 + 2 * c] = 0.5 * h * rate_yaw, h**2 * twice * push_yaw
-        to_course[3:5, 1] = to_course[5, 4 + 2 * c] = rate_way
-        to_course[4, 3 : 3 + c] = h * once * push_way
-        layout, index = inner.layout, np.arange(inner.layout.size)
-        q, rates = (index[part].reshape(N + 1, self.n) for part in (layout.positions, layout.rates))
-        controls = index[layout.controls].reshape(N, c, self.n)
-        columns = [q[:-1, -1], rates[:-1, -2:], controls[:, :, -2], controls[:, :, -1], q[1:, -1], rates[1:, -2]]
-        return to_course, np.column_stack(columns)
-
-    def _course_slopes(self, slopes: Array) -> sp.csr_array:
-        """Derivatives by the inner program's variables, (2 N, inner size), from those by the course, (N, 2, 8)."""
-        to_course, columns = self._courses
-        data, width = slopes[:, :, 2:] @ to_course, to_course.shape[1]
-        pointers = width * np.arange(2 * self.N + 1)
-        indices = np.repeat(columns, 2, axis=0).ravel()
-        return sp.csr_array((data.ravel(), indices, pointers), shape=(2 * self.N, self.inner.layout.size))
-
-    def _gap_curvature(self, x: Array, weights: Array, *, convex: bool) -> sp.csr_array:
-        r"""Second derivatives of the moves times weights (N, 2), by the inner program's variables.
-
-        With G the rate of the place per way, which turns with the yaw like a vector, they are Simpson's rule on
-
-        .. math:: \partial^2 (w\, \mu \cdot G) = \begin{pmatrix} -w\, \mu \cdot G & \mu \cdot G_\psi \\
-                  \mu \cdot G_\psi & 0 \end{pmatrix} \quad \text{by } (\psi, w)
-
-        but for what the ground's own curvature adds.
-        """
-        (psi, w), N = self._course(self._inner(x)), self.N
-        p = x[self.positions].reshape(-1, 2)
-        low, high = self.terrain.extent
-        places = np.clip(np.vstack([p[:-1], 0.5 * (p[:-1] + p[1:]), p[1:]]), low, high)
-        unit = np.column_stack([np.ones(3 * N), np.zeros(3 * N)])
-        found = self.terrain.ground_rates(np.column_stack([places, psi.ravel()]), unit)
-        along, across = (
-            np.einsum("skc,kc->sk", part.reshape(3, N, 2), weights) * SIMPSON / N
-            for part in (found.rates, found.slopes[:, :, 2])
-        )
-        of_course = np.zeros((N, COURSE, COURSE))
-        stage = np.arange(3)
-        of_course[:, stage, stage] = (-w * along).T
-        of_course[:, stage, stage + 3] = of_course[:, stage + 3, stage] = across.T
-        if convex:
-            values, vectors = np.linalg.eigh(of_course)
-            of_course = (vectors * np.maximum(values, 0.0)[:, None, :]) @ vectors.transpose(0, 2, 1)
-        to_course, columns = self._courses
-        blocks, width = to_course.T @ of_course @ to_course, to_course.shape[1]
-        rows = np.repeat(columns, width, axis=1).ravel()
-        size = self.inner.layout.size
-        entries = sp.coo_array((blocks.ravel(), (rows, np.tile(columns, (1, width)).ravel())), (size, size))
-        return sp.csr_array(entries)
 
     def _by_nodes(self, blocks: Array, node: int) -> sp.csr_array:
         """Rows with derivatives (N, R, 2) by the position at each interval's start (node 0) or end (1), (N R, size)."""
@@ -293,7 +222,7 @@ class DrivingTranscription:
         start, end, middle = by_places.reshape(3, self.N, -1, 2)
         to_half = moves.half_slopes[:, :, :2] + np.eye(2)
         count = start.shape[1]
-        course = self._widened(self._course_slopes(moves.half_slopes))
+        course = self._widened(self._course.slopes(moves.half_slopes))
         pointers = 2 * np.arange(self.N * count + 1)
         columns = np.arange(2 * self.N).reshape(self.N, 1, 2).repeat(count, axis=1)
         weights = sp.csr_array((2.0 * middle.ravel(), columns.ravel(), pointers), shape=(self.N * count, 2 * self.N))

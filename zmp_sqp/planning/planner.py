@@ -203,7 +203,7 @@ def _boundaries(problem: Problem) -> tuple[Boundary, Boundary]:
         q = coordinates.coordinates_of(getattr(problem, side))
         v = coordinates.rates_of(getattr(problem, f"{side}_velocity"))
         if base is not None:
-            way = 0.0 if side == "start" else base.travel
+            way = 0.0 if side == "start" else problem.base_way
             q, v = np.append(q, [way, getattr(base, side)[2]]), np.append(v, getattr(base, f"{side}_velocity"))
         sides.append(Boundary(q, v))
     return sides[0], sides[1]

@@ -157,6 +157,14 @@ class Problem:
             raise ProblemError(f"a base drives on a Slope or a Heightmap, not on {type(self.ground).__name__}")
         return self.ground
 
+    @property
+    def base_way(self) -> float:
+        """Straight line through space from where the base starts to its goal, negative backwards; 0 without base [m]."""
+        if self.base is None:
+            return 0.0
+        ends, _ = self.base_ground.base_pose(np.vstack([self.base.start, self.base.goal]))
+        return float(np.copysign(np.linalg.norm(ends[1] - ends[0]), self.base.travel))
+
     def gravity_at(self, side: str) -> Array:
         """Gravity in the root frame at the "start" or the "goal", shape (3,) [m/s^2]."""
         if self.base is None:

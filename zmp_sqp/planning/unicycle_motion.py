@@ -69,8 +69,6 @@ class UnicycleMotion:
             "accelerations": (count - 1, 2),
             "jerks": (count - 1, 2),
         }
-        if not isinstance(self.ground, Terrain) or isinstance(self.ground, type):
-            raise TrajectoryError(f"a base drives on a Slope or a Heightmap, not on {shortened(self.ground)}")
         times = frozen_array(self.times, name="base times", shape=(count,), error=TrajectoryError)
         object.__setattr__(self, "times", times)
         for name, shape in shapes.items():
@@ -206,6 +204,8 @@ def _curve(
     pose: Array, velocity: Array, a: Array, j: Array, steps: Array, ground: Terrain, *, chained: bool
 ) -> tuple[PlaceCurve, Array]:
     """Path of N intervals, and its places at Gauss points; off the map as at its rim."""
+    if not isinstance(ground, Terrain) or isinstance(ground, type):
+        raise TrajectoryError(f"a base drives on a Slope or a Heightmap, not on {shortened(ground)}")
     parts = np.ones(len(steps), dtype=int)
     if not ground.uniform:
         parts = np.ceil(steps / max(LONGEST, float(steps.sum()) / MOST_PIECES)).astype(int).clip(1)
