@@ -37,7 +37,7 @@ def derivative_bounds(surface: SplineSurface, low: Array, high: Array, *, rim: f
     size = last - first + 1
     if not len(first):
         return np.zeros((BOUND_ORDERS, 0))
-    if size.prod(axis=1).sum() > MOST_PAIRS:
+    if len(low) > 1 and size.prod(axis=1).sum() > MOST_PAIRS:
         one = derivative_bounds(surface, low.min(axis=0)[None], high.max(axis=0)[None], rim=rim)
         return np.repeat(one, len(low), axis=1)
     counts = size.prod(axis=1)

@@ -159,7 +159,7 @@ class Problem:
 
     @property
     def base_way(self) -> float:
-        """Straight line through space from where the base starts to its goal, negative backwards; 0 without base [m]."""
+        """Straight line through space from the base's start to its goal, negative backwards; 0 without base [m]."""
         if self.base is None:
             return 0.0
         ends, _ = self.base_ground.base_pose(np.vstack([self.base.start, self.base.goal]))
