@@ -77,6 +77,7 @@ def test_the_sqp_knows_no_robot():
 
 
 LEAVES = (
+    "zmp_sqp.check_command",
     "zmp_sqp.cli",
     "zmp_sqp.paper",
     "zmp_sqp.paper_command",

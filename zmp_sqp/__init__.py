@@ -19,10 +19,12 @@ from zmp_sqp.mechanics import (
     Machine,
     Payload,
     Slope,
+    StabilityMeasures,
     SupportPolygon,
     load_machine,
     shipped_machines,
     stability_margin,
+    stability_measures,
     zmp,
 )
 from zmp_sqp.planning import (
@@ -67,6 +69,7 @@ __all__ = [
     "ScenarioError",
     "SlewInsight",
     "Slope",
+    "StabilityMeasures",
     "Status",
     "SupportPolygon",
     "Trajectory",
@@ -85,6 +88,7 @@ __all__ = [
     "shipped_machines",
     "slew_insight",
     "stability_margin",
+    "stability_measures",
     "trajectory_zmp",
     "zmp",
 ]

@@ -1,4 +1,4 @@
-"""Command line: `zmp-sqp plan SCENARIO`, `zmp-sqp paper`."""
+"""Command line: `zmp-sqp plan SCENARIO`, `zmp-sqp paper`, `zmp-sqp check URDF TRAJECTORY.csv`."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from zmp_sqp import __version__
+from zmp_sqp.check_command import add_check
 from zmp_sqp.errors import ZmpSqpError
 from zmp_sqp.paper_command import PAPER_FILES, PAPER_KEYS, run_paper
 from zmp_sqp.planning import Plan, Problem, Trajectory, phase_plane, plan
@@ -72,7 +73,7 @@ def _parser() -> argparse.ArgumentParser:
         description="Minimum-time motions of heavy mobile manipulators that do not tip over.",
         epilog=(
             "examples:\n  zmp-sqp plan paper_1 --out out/paper_1\n  zmp-sqp plan --help\n"
-            f"  zmp-sqp paper --out out/paper\n\n{shipped}\n{EXIT_CODES}"
+            f"  zmp-sqp paper --out out/paper\n  zmp-sqp check --help\n\n{shipped}\n{EXIT_CODES}"
         ),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
@@ -104,6 +105,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--no-figures", dest="figures", action="store_false", help="write no figures")
     command.add_argument("--verbose", action="store_true", help="print every iteration of the SQP")
     _add_paper(commands)
+    add_check(commands, EXIT_CODES)
     return parser
 
 

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rich.table import Table
     from rich.text import Text
 
-__all__ = ["RESULT_KEYS", "history_table", "joint_table", "make_result", "summary_table", "versions"]
+__all__ = ["RESULT_KEYS", "history_table", "joint_table", "key_table", "make_result", "summary_table", "versions"]
 
 PACKAGES = ("numpy", "scipy", "pin", "proxsuite", "piqp", "qpsolvers")  # whose versions a result names
 RESULT_KEYS = """\
@@ -94,6 +94,14 @@ def summary_table(result: Mapping[str, Any]) -> Table:
     table.add_row("SQP iterations", str(result["iterations"]))
     table.add_row("solve time [ms]", _number(1e3 * result["solve_time"], 1))
     table.add_row("QP solver", result["qp_solver"])
+    return table
+
+
+def key_table(values: Mapping[str, float | None]) -> Table:
+    """One number per row, by its name."""
+    table = _table("", "")
+    for name, value in values.items():
+        table.add_row(name, _number(value))
     return table
 
 

@@ -110,6 +110,8 @@ def _read_problem(content: Mapping[str, Any], folder: Path) -> Problem:
         ground = _read_ground(content.get("ground", {}), folder)
     motion: dict[str, Any] = {key: _read_joints(content["motion"], key, machine) for key in MOTIONS}
     settings = {key: value for key, value in content.get("plan", {}).items() if key != "qp_solver"}
+    if "slope_uncertainty_deg" in settings:
+        settings["slope_uncertainty"] = np.deg2rad(settings.pop("slope_uncertainty_deg"))
     with _blame("base"):
         base = UnicycleBase(**content["base"]) if "base" in content else None
     return Problem(
@@ -252,7 +254,10 @@ BASE = _Schema(
     | dict.fromkeys(("start_velocity", "goal_velocity", "x_bounds", "y_bounds"), PAIR),
     required=("start", "goal", *BASE_LIMITS),
 )
-PLAN = _Schema({"model": TEXT, "intervals": INTEGER, "margin": NUMBER, "qp_solver": TEXT})
+UNCERTAINTIES = ("tipping_fraction", "payload_uncertainty", "slope_uncertainty_deg")
+PLAN = _Schema(
+    {"model": TEXT, "intervals": INTEGER, "margin": NUMBER, "qp_solver": TEXT} | dict.fromkeys(UNCERTAINTIES, NUMBER)
+)
 SCHEMA = _Schema(
     {"title": TEXT, "machine": MACHINE, "ground": GROUND, "motion": MOTION, "base": BASE, "plan": PLAN},
     required=("machine", "motion"),

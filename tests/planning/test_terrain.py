@@ -207,7 +207,7 @@ def test_a_ground_that_only_has_gravity_carries_no_driving_base() -> None:
 
     with pytest.raises(zs.ProblemError, match="drives on a Slope or a Heightmap, not on Odd"):
         problem(Odd())
-    with pytest.raises(zs.ProblemError, match="moves on a Slope or a Heightmap, not on Odd"):
+    with pytest.raises(zs.ProblemError, match="drives on a Slope or a Heightmap, not on Odd"):
         zs.certify(paper_scene(point_masses=False).load(), retreat()[1].trajectory, Odd())
 
 

@@ -6,6 +6,7 @@ from zmp_sqp.mechanics.heightmap import Heightmap
 from zmp_sqp.mechanics.limits import JointLimits
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.payload import Payload
+from zmp_sqp.mechanics.stability_measures import StabilityMeasures, stability_measures
 from zmp_sqp.mechanics.support import SupportPolygon
 from zmp_sqp.mechanics.urdf import load_machine, shipped_machines
 from zmp_sqp.mechanics.wrench import WrenchDerivatives, ground_reaction, ground_reaction_derivatives
@@ -21,6 +22,7 @@ __all__ = [
     "Machine",
     "Payload",
     "Slope",
+    "StabilityMeasures",
     "SupportPolygon",
     "Terrain",
     "WrenchDerivatives",
@@ -29,6 +31,7 @@ __all__ = [
     "load_machine",
     "shipped_machines",
     "stability_margin",
+    "stability_measures",
     "zmp",
     "zmp_of_wrench",
 ]

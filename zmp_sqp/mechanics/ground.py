@@ -126,7 +126,7 @@ class Slope:
         Returns:
             Shape (3,) [m/s^2].
         """
-        return np.asarray(self._gravity(np.array([yaw]))[0])
+        return np.asarray(self.gravity_at_yaws(np.array([yaw]))[0])
 
     def base_pose(self, pose: Array) -> tuple[Array, Array]:
         r"""Where the root is and how it is turned: :math:`(x, y, 0), \; R_z(yaw)`.
@@ -170,7 +170,7 @@ class Slope:
             S: Square of the time scale; 1 in seconds.
         """
         count = len(pose)
-        gravity = self._gravity(pose[:, 2])
+        gravity = self.gravity_at_yaws(pose[:, 2])
         velocity, acceleration = np.zeros((2, count, 6))
         velocity[:, 0], velocity[:, 5] = rates[:, 0], rates[:, 1]
         acceleration[:, :3] = -S * gravity
@@ -186,7 +186,8 @@ class Slope:
     def check_followable(self, support: SupportPolygon, poses: Array, *, clearance: float = CLEARANCE) -> None:
         """Do nothing: tracks follow a plane everywhere."""
 
-    def _gravity(self, yaw: Array) -> Array:
+    def gravity_at_yaws(self, yaw: Array) -> Array:
+        """As `gravity`, at headings (K,) in the plane, shape (K, 3) [m/s^2]."""
         lean = np.cos(self.pitch)
         x, y, z = np.sin(self.pitch), -lean * np.sin(self.roll), -lean * np.cos(self.roll)
         cos, sin = np.cos(yaw), np.sin(yaw)

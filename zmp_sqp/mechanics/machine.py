@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from zmp_sqp.arrays import Array, Indices
+from zmp_sqp.arrays import Array, Indices, finite_number
 from zmp_sqp.errors import MachineError
 from zmp_sqp.mechanics.limits import JointLimits
 from zmp_sqp.mechanics.payload import Payload
@@ -82,6 +82,28 @@ class Machine:
             raise MachineError(f"payload must be a Payload, not {type(payload).__name__}")
         return replace(self, model=payload.attached_to(self.model))
 
+    @property
+    def payload_mass(self) -> float:
+        """Mass of everything that `with_payload` has attached [kg]."""
+        return float(sum(frame.inertia.mass for frame in _payloads(self.model)))
+
+    def with_payload_scaled(self, factor: float) -> Machine:
+        """The same machine with mass and inertia of all its payloads times a factor; zero leaves massless ones.
+
+        Raises:
+            MachineError: The factor is negative or not a number.
+        """
+        factor = finite_number(factor, name="payload factor", error=MachineError)
+        if factor < 0.0:
+            raise MachineError(f"payload factor must not be negative, not {factor}")
+        model = self.model.copy()
+        for frame in _payloads(model):
+            body = frame.inertia
+            frame.inertia = pin.Inertia(factor * body.mass, body.lever, factor * body.inertia)
+        for joint in {frame.parentJoint for frame in _payloads(self.model)}:
+            model.inertias[joint] = _sum_of_frames(model, joint)
+        return replace(self, model=model)
+
     def with_limits(self, *, velocity: Any = None, acceleration: Any = None) -> Machine:
         """The same machine with other velocity or acceleration limits; None keeps what it has.
 
@@ -109,10 +131,22 @@ class Machine:
         them into the joint that moves them, but the frame of each link and payload still holds its own inertia.
         """
         model = self.model.copy()
-        for index in range(1, model.njoints):
-            total = pin.Inertia.Zero()
-            for frame in (frame for frame in model.frames if frame.parentJoint == index):
-                point = pin.Inertia(frame.inertia.mass, frame.inertia.lever, np.zeros((3, 3)))
-                total += frame.placement.act(point)
-            model.inertias[index] = total
+        for frame in model.frames:
+            frame.inertia = pin.Inertia(frame.inertia.mass, frame.inertia.lever, np.zeros((3, 3)))
+        for joint in range(1, model.njoints):
+            model.inertias[joint] = _sum_of_frames(model, joint)
         return replace(self, model=model)
+
+
+def _sum_of_frames(model: Any, joint: int) -> Any:
+    """Inertia of all that a joint moves up to the next one: Pinocchio lumps it, but frames keep their own."""
+    total = pin.Inertia.Zero()
+    for frame in model.frames:
+        if frame.parentJoint == joint:
+            total += frame.placement.act(frame.inertia)
+    return total
+
+
+def _payloads(model: Any) -> list[Any]:
+    """Frames of the payloads: those with an inertia that are no link."""
+    return [frame for frame in model.frames if frame.type == pin.FrameType.OP_FRAME and frame.inertia.mass > 0.0]

@@ -5,15 +5,13 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass, field
 
-import numpy as np
-
 from zmp_sqp.errors import NotSolved
 from zmp_sqp.planning.certificate import Certificate
 from zmp_sqp.planning.problem import Problem
 from zmp_sqp.planning.trajectory import Trajectory
 from zmp_sqp.sqp.result import IterationRecord
 
-__all__ = ["Plan", "Status", "diagnosis"]
+__all__ = ["Plan", "Status"]
 
 
 class Status(enum.Enum):
@@ -96,30 +94,3 @@ class Plan:
         if not self.success or self.attempt is None:
             raise NotSolved(self.message)
         return self.attempt
-
-
-def diagnosis(problem: Problem, status: Status, checked: Certificate, obstacle: str = "") -> str:
-    """The status in a sentence; without success, with what stayed violated, when and by how much.
-
-    Args:
-        problem: The question.
-        status: How planning ended.
-        checked: Of the last motion.
-        obstacle: What kept that motion from being looked at.
-    """
-    if obstacle:
-        return f"{status} The last motion looked at: {obstacle}."
-    if status.success or problem.machine.support is None:
-        return str(status)
-    if np.isinf(checked.limit_excess):
-        return f"{status} The last motion looked at ends beside its goal, or leaves the base's x or y bounds."
-    if checked.limit_excess > 1e-6:
-        return f"{status} The last motion looked at exceeds a joint limit by {checked.limit_excess:.3g}."
-    if checked.margin >= problem.margin:
-        return str(status)
-    edge = problem.machine.support.edge_name(checked.edge)
-    if not np.isfinite(checked.margin):
-        return f"{status} At {checked.margin_at:.2f} s the machine would lift off the ground."
-    short = problem.margin - checked.margin
-    kept = f" less the margin of {problem.margin:.3g} m" if problem.margin else ""
-    return f"{status} At {checked.margin_at:.2f} s the ZMP would leave the {edge} edge{kept} by {short:.3f} m."

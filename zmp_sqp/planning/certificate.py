@@ -52,6 +52,7 @@ class Certificate:
         gap: duration / lower bound - 1: how much longer than the fastest motion that only knows the joint limits; zero
             where there is no bound (a limit is missing, or the rates at the ends break one).
         required: Margin that was asked for [m].
+        corner: The payload and slope for which the margin is least, in words; empty where nothing is uncertain.
     """
 
     margin: float
@@ -62,6 +63,7 @@ class Certificate:
     limit_excess: float
     gap: float
     required: float
+    corner: str = ""
 
     @classmethod
     def of_nothing(cls, required: float) -> Certificate:

@@ -11,6 +11,7 @@ from zmp_sqp.mechanics.ground import Terrain
 from zmp_sqp.mechanics.ground_motion import GroundMotion
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.wrench import ground_reaction, ground_reaction_derivatives
+from zmp_sqp.planning.model import StageModel
 
 __all__ = ["DrivingModel"]
 
@@ -38,6 +39,11 @@ class DrivingModel:
     def size(self) -> int:
         """Number of coordinates: the joints and two."""
         return self.machine.size + 2
+
+    @property
+    def parts(self) -> tuple[StageModel, ...]:
+        """Itself: it has one wrench."""
+        return (self,)
 
     @property
     def extra_rows(self) -> int:

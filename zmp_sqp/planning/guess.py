@@ -96,7 +96,7 @@ def _worst(
     places = None
     if route is not None:  # straight on will do
         places = route[0] + np.linspace(0.0, 1.0, N, endpoint=False)[:, None] * (route[1] - route[0])
-    wrench = model.wrench(q[:-1], w[:-1], alpha, duration**2, places)
+    wrench = model.wrench(q[:-1], w[:-1], alpha, duration**2, places).reshape(-1, 6)
     if wrench[:, 2].min() <= 0.0:
         return np.inf
     return float((wrench @ bounds.wrench_rows.T / wrench[:, 2:3]).max())

@@ -61,6 +61,11 @@ class ArmModel:
         return found.wrench, np.concatenate([*(part @ G for part in by_joints), by_root[:, :, None]], axis=2)
 
     @property
+    def parts(self) -> tuple[StageModel, ...]:
+        """Itself: it has one wrench."""
+        return (self,)
+
+    @property
     def extra_rows(self) -> int:
         """Number of rows of `extra`."""
         return 0 if self.distance is None else 4
@@ -102,6 +107,10 @@ class StageModel(Protocol):
         """Number n of coordinates."""
 
     @property
+    def parts(self) -> tuple[StageModel, ...]:
+        """V models of one wrench each: their wrenches stand one below the other where a shape below says 6."""
+
+    @property
     def extra_rows(self) -> int:
         """Number of rows of `extra`."""
 
@@ -126,13 +135,20 @@ def wrench_curvature(
         model: Stage model.
         q, w, alpha: Shape (K, n) each.
         S: Squared duration [s^2].
-        weights: Shape (K, 6).
+        weights: Shape (K, 6 V).
         places: Of the base, shape (K, 2); None where they do not matter.
 
     Returns:
         Symmetric, shape (K, 3n + 1, 3n + 1); the block of (alpha, S) is zero because the wrench is affine in them.
     """
     count, n = q.shape
+    if len(model.parts) > 1:
+        H = np.zeros((count, 3 * n + 1, 3 * n + 1))
+        for part, share in zip(model.parts, np.split(weights, len(model.parts), axis=1), strict=True):
+            held = np.flatnonzero(share.any(axis=1))
+            if len(held):
+                H[held] += wrench_curvature(part, q[held], w[held], alpha[held], S, share[held])
+        return H
     steps = np.vstack([np.zeros((1, n)), DIFFERENCE * np.eye(n), np.zeros((n, n))])
     rates = np.vstack([np.zeros((1 + n, n)), np.eye(n)])  # quadratic in w: any step is exact
     shifted_q = (q[:, None] + steps).reshape(-1, n)

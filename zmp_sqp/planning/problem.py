@@ -14,9 +14,10 @@ from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.wrench import ground_reaction
 from zmp_sqp.mechanics.zero_moment_point import zmp_of_wrench
 from zmp_sqp.planning.coordinates import Coordinates
+from zmp_sqp.planning.robustness import Corner, corners
 from zmp_sqp.planning.simplified import FORM_TOLERANCE, DistanceLimits, simplified_coordinates
 from zmp_sqp.planning.trajectory import Trajectory
-from zmp_sqp.planning.unicycle import UnicycleBase
+from zmp_sqp.planning.unicycle import UnicycleBase, terrain_of
 
 __all__ = ["MODELS", "Problem"]
 
@@ -24,6 +25,7 @@ LEVEL = Slope()
 MOST_ACCELERATIONS = 10_000  # intervals times joints: memory goes with the square, here 2 GB
 MODELS = ("full", "simplified")
 ARRIVAL = 1e-6  # [rad or m, and per second, relative above one] how far a motion may miss what is asked for
+UNCERTAINTIES = (("tipping_fraction", 0.1, 1.0), ("payload_uncertainty", 0.0, 0.9), ("slope_uncertainty", 0.0, 0.5))
 FARTHEST = 1e5  # [rad or m] coordinates beyond it leave too few digits
 LIMIT_TOLERANCE = 1e-9  # [rad or m] rounding that a start or goal may stand outside its limits
 LIMIT_RANGE = (1e-12, 1e12)  # [rad or m, per second, per second squared] beyond, squares of durations overflow
@@ -46,6 +48,10 @@ class Problem:
         model: "full": every joint is planned; "simplified": slew angle and distance of the lumped mass, eq. (20).
         distance_limits: The paper's bounds on that distance in place of the joints' limits; None keeps the joints' own.
         base: Where the machine drives meanwhile; None stands still at yaw zero.
+        tipping_fraction: Share of the load that tips it which the payload may be (ISO 10567: 0.75): the motion is
+            safe with the payload divided by it, too.
+        payload_uncertainty: Share by which the payload's mass and inertia may be off, either way.
+        slope_uncertainty: Angle by which gravity may be off, in any direction [rad].
 
     Raises:
         ProblemError: The problem contradicts itself or the machine's limits, or the machine tips over at rest at the
@@ -63,6 +69,9 @@ class Problem:
     model: str = "full"
     distance_limits: DistanceLimits | None = None
     base: UnicycleBase | None = None
+    tipping_fraction: float = 1.0
+    payload_uncertainty: float = 0.0
+    slope_uncertainty: float = 0.0
     _coordinates: Coordinates = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -89,6 +98,7 @@ class Problem:
         self._check_limits()
         self._check_support()
         self._check_base()
+        self._check_uncertainty()
         simplified = self.model == "simplified"
         found = simplified_coordinates(self.machine, self.start) if simplified else Coordinates.identity(size)
         object.__setattr__(self, "_coordinates", found)
@@ -126,6 +136,25 @@ class Problem:
                 return False
         return True
 
+    def corners(self, *, every: bool = False) -> tuple[Corner, ...]:
+        """Extremes of payload and slope that the motion must be safe for; one if nothing is uncertain.
+
+        Args:
+            every: All that a proof needs, not only those that a search does.
+        """
+        return corners(
+            self.machine, self.ground, tipping_fraction=self.tipping_fraction,
+            payload_uncertainty=self.payload_uncertainty, slope_uncertainty=self.slope_uncertainty, every=every,
+        )  # fmt: skip
+
+    def _check_uncertainty(self) -> None:
+        for name, lower, upper in UNCERTAINTIES:
+            value = finite_number(getattr(self, name), name=name, error=ProblemError)
+            if not lower <= value <= upper:
+                raise ProblemError(f"{name} must lie within [{lower:g}, {upper:g}], not {value:g}")
+            object.__setattr__(self, name, value)
+        self.corners()
+
     def _check_base(self) -> None:
         if self.base is None:
             return
@@ -153,9 +182,7 @@ class Problem:
         Raises:
             ProblemError: No base can.
         """
-        if not isinstance(self.ground, Terrain):
-            raise ProblemError(f"a base drives on a Slope or a Heightmap, not on {type(self.ground).__name__}")
-        return self.ground
+        return terrain_of(self.ground)
 
     @property
     def base_way(self) -> float:
@@ -165,12 +192,13 @@ class Problem:
         ends, _ = self.base_ground.base_pose(np.vstack([self.base.start, self.base.goal]))
         return float(np.copysign(np.linalg.norm(ends[1] - ends[0]), self.base.travel))
 
-    def gravity_at(self, side: str) -> Array:
-        """Gravity in the root frame at the "start" or the "goal", shape (3,) [m/s^2]."""
-        if self.base is None:
-            return self.ground.gravity()
+    def gravity_at(self, side: str, ground: Ground | None = None) -> Array:
+        """Gravity in the root frame at the "start" or the "goal", of this ground or another, shape (3,) [m/s^2]."""
+        ground = self.ground if ground is None else ground
+        if self.base is None or not isinstance(ground, Terrain):
+            return ground.gravity()
         rest = np.zeros((1, 2))
-        motion = self.base_ground.base_motion(getattr(self.base, side)[None], rest, rest)
+        motion = ground.base_motion(getattr(self.base, side)[None], rest, rest)
         return np.asarray(-motion.acceleration[0, :3])
 
     def _check_model(self) -> None:
@@ -239,17 +267,21 @@ class Problem:
         support, margin = self.machine.support, self.margin
         if support is None:
             return
-        still, root = np.zeros((1, len(q))), np.concatenate([-self.gravity_at(name), np.zeros(3)])
-        wrench = ground_reaction(self.machine, q[None], still, still, root_acceleration=root)
-        point = zmp_of_wrench(wrench, support.height)[0]
-        over = support.normals @ point - support.offsets
-        edge = int(np.argmax(over))
-        if over[edge] > -margin + STATIC_TOLERANCE:
-            kept = f" less the margin of {margin:.3g} m" if margin else ""
-            raise ProblemError(
-                f"the machine tips over at rest at the {name}: its ZMP ({point[0]:.3f}, {point[1]:.3f}) m lies "
-                f"{over[edge] + margin:.3f} m outside the {support.edge_name(edge)} edge of the support polygon{kept}"
-            )
+        still = np.zeros((1, len(q)))
+        for corner in self.corners():
+            root = np.concatenate([-self.gravity_at(name, corner.ground), np.zeros(3)])
+            wrench = ground_reaction(corner.machine, q[None], still, still, root_acceleration=root)
+            point = zmp_of_wrench(wrench, support.height)[0]
+            over = support.normals @ point - support.offsets
+            edge = int(np.argmax(over))
+            if over[edge] > -margin + STATIC_TOLERANCE:
+                kept = f" less the margin of {margin:.3g} m" if margin else ""
+                extreme = f" with {corner.text}" if corner.text else ""
+                raise ProblemError(
+                    f"the machine tips over at rest at the {name}{extreme}: its ZMP ({point[0]:.3f}, {point[1]:.3f}) m "
+                    f"lies {over[edge] + margin:.3f} m outside the {support.edge_name(edge)} edge of the support "
+                    f"polygon{kept}"
+                )
 
 
 def _names(joints: tuple[str, ...]) -> str:

@@ -9,13 +9,14 @@ import numpy as np
 
 from zmp_sqp.arrays import Array, Indices
 from zmp_sqp.errors import ProblemError
-from zmp_sqp.mechanics.ground import Ground, Terrain
+from zmp_sqp.mechanics.ground import Ground
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.root_bounds import root_bounds
 from zmp_sqp.mechanics.support import SupportPolygon
 from zmp_sqp.mechanics.wrench import ground_reaction
 from zmp_sqp.mechanics.zero_moment_point import zmp_of_wrench
 from zmp_sqp.planning.trajectory import Trajectory
+from zmp_sqp.planning.unicycle import terrain_of
 from zmp_sqp.planning.unicycle_motion import UnicycleMotion
 
 __all__ = ["check_tracks", "followed", "root_motion", "root_motion_bounds", "surface_bounds", "trajectory_zmp"]
@@ -101,9 +102,7 @@ def followed(trajectory: Trajectory, ground: Ground) -> Trajectory:
     """
     if trajectory.base is None:
         return trajectory
-    if not isinstance(ground, Terrain):
-        raise ProblemError(f"a base moves on a Slope or a Heightmap, not on {type(ground).__name__}")
-    base = trajectory.base.on(ground)
+    base = trajectory.base.on(terrain_of(ground))
     return trajectory if base is trajectory.base else replace(trajectory, base=base)
 
 

@@ -92,9 +92,9 @@ class Transcription:
         least = np.zeros((1, 6))
         least[0, 2] = -1.0
         # [m] once divided by the weight; the normal-force row has the force's share of the weight as its "metre"
-        self._rows = np.vstack([bounds.wrench_rows, least]) / (bounds.weight * S)
-        self._row_offset = np.zeros(len(self._rows))
-        self._row_offset[-1] = LEAST_NORMAL_FORCE
+        rows = np.vstack([bounds.wrench_rows, least]) / (bounds.weight * S)
+        self._rows = np.kron(np.eye(len(model.parts)), rows)
+        self._row_offset = np.tile(np.append(np.zeros(len(rows) - 1), LEAST_NORMAL_FORCE), len(model.parts))
         self.layout = layout_of(intervals, self.n, len(self._rows) + model.extra_rows, hold)
         self._rate_share = bounds.velocity * reference / self.rate_scale
         self._control_share = bounds.acceleration * S / self.control_scale

@@ -9,10 +9,11 @@ import numpy as np
 
 from zmp_sqp.arrays import Array, finite_number, frozen_array
 from zmp_sqp.errors import ProblemError
+from zmp_sqp.mechanics.ground import Ground, Terrain
 from zmp_sqp.mechanics.limits import JointLimits
 from zmp_sqp.planning.double_integrator import minimum_time
 
-__all__ = ["UnicycleBase"]
+__all__ = ["UnicycleBase", "terrain_of"]
 
 LIMITS = ("max_speed", "max_acceleration", "max_yaw_rate", "max_yaw_acceleration")
 LIMIT_TOLERANCE = 1e-9  # [m or relative] rounding that a start or goal may stand outside its limits
@@ -137,3 +138,14 @@ class UnicycleBase:
         """Lower and upper bounds of x and y, infinite where there are none, shape (2,) each [m]."""
         sides = [(-np.inf, np.inf) if given is None else given for given in (self.x_bounds, self.y_bounds)]
         return np.array([side[0] for side in sides]), np.array([side[1] for side in sides])
+
+
+def terrain_of(ground: Ground) -> Terrain:
+    """The ground, for a base to drive on.
+
+    Raises:
+        ProblemError: No base can.
+    """
+    if not isinstance(ground, Terrain):
+        raise ProblemError(f"a base drives on a Slope or a Heightmap, not on {type(ground).__name__}")
+    return ground

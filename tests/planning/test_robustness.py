@@ -1,0 +1,205 @@
+"""Uncertain payloads and slopes: what holds at the corners holds between them, and plans are safe for all of it."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+import zmp_sqp as zs
+from tests.checks import central_differences
+from tests.problems import paper_scene
+from zmp_sqp.arrays import Array
+from zmp_sqp.mechanics.wrench import ground_reaction
+from zmp_sqp.planning.formulation import boundaries, path_bounds, stage_model
+from zmp_sqp.planning.model import wrench_curvature
+from zmp_sqp.planning.robustness import leaning_corners
+from zmp_sqp.planning.transcription import Transcription
+
+START = np.array([0.0, -np.pi / 6, -2 * np.pi / 3, np.pi / 6, -np.pi / 2])
+GOAL = START + np.array([np.pi, 0.0, 0.0, 0.0, 0.0])
+LEFT = zs.Slope(roll=np.radians(-20.0))
+SAME = 1e-9
+STEEP, FRACTION = 28.0, 0.6  # so that it costs time
+
+
+@cache
+def machine() -> zs.Machine:
+    return paper_scene(point_masses=False).load()
+
+
+def problem(**options: Any) -> zs.Problem:
+    return zs.Problem(machine(), START, GOAL, **({"ground": LEFT} | options))
+
+
+@cache
+def demanding_plan() -> zs.Plan:
+    """The paper's first motion, on a steep slope, with all that can be uncertain."""
+    steep = zs.Slope(roll=np.radians(-STEEP))
+    return zs.plan(
+        problem(
+            ground=steep,
+            intervals=20,
+            payload_uncertainty=0.1,
+            tipping_fraction=FRACTION,
+            slope_uncertainty=np.radians(2.0),
+        )
+    )
+
+
+def least_margin(loaded: zs.Machine, trajectory: zs.Trajectory, gravity: Array) -> float:
+    _, q, v, a = trajectory.within(np.linspace(0.0, 1.0, 21))
+    wrench = ground_reaction(loaded, q, v, a, root_acceleration=np.concatenate([-gravity, np.zeros(3)]))
+    assert loaded.support is not None
+    assert wrench[:, 2].min() > 0.0
+    return float((-(wrench @ loaded.support.wrench_rows().T) / wrench[:, 2:3]).min())
+
+
+def leaning(ground: zs.Slope, angle: float, rng: np.random.Generator) -> Array:
+    """Gravity turned by an angle about a random axis across it (Rodrigues)."""
+    g = ground.gravity()
+    axis = np.cross(g, rng.normal(size=3))
+    axis /= np.linalg.norm(axis)
+    return np.asarray(np.cos(angle) * g + np.sin(angle) * np.cross(axis, g))
+
+
+def test_every_gravity_within_the_angle_lies_in_the_pyramid() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(2000):
+        ground, delta = zs.Slope(*rng.uniform(-0.6, 0.6, 2)), rng.uniform(1e-3, 0.3)
+        g = leaning(ground, delta * rng.choice([1.0, rng.random()]), rng)
+        corners = np.array([corner for corner, _, _ in leaning_corners(ground, delta)])
+        tau = g @ ground.gravity() / 9.81**2
+        assert np.cos(delta) - SAME <= tau <= 1.0 + SAME
+        first, second = corners[2] - corners[0], corners[1] - corners[0]  # the sides of the square
+        place = g / tau - corners.mean(axis=0)
+        assert abs(place @ first) <= 0.5 * first @ first + SAME
+        assert abs(place @ second) <= 0.5 * second @ second + SAME
+        assert (place @ ground.gravity()) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_corners_lean_as_their_words_say() -> None:
+    ground = zs.Slope(roll=0.1, pitch=-0.2)
+    for gravity, roll, pitch in leaning_corners(ground, 0.01):
+        named = zs.Slope(0.1 + np.radians(roll), -0.2 + np.radians(pitch)).gravity()
+        np.testing.assert_allclose(gravity, named, atol=0.01)  # to first order: 9.81 (0.01)^2 and the coupling of both
+
+
+def test_a_scaled_payload_is_that_payload_made_heavier() -> None:
+    bare, inertia = zs.load_machine("feller_buncher"), np.diag([9e3, 8e3, 2e3])
+    tree = bare.with_payload(zs.Payload(mass=4000.0, com=(0.1, 0.0, 3.3), frame="head", inertia=inertia))
+    heavier = bare.with_payload(zs.Payload(mass=5000.0, com=(0.1, 0.0, 3.3), frame="head", inertia=1.25 * inertia))
+    q, v, a = 0.3 * np.random.default_rng(0).normal(size=(3, 7, 5))
+    for kind in (lambda loaded: loaded, zs.Machine.with_point_masses):
+        expected = zs.zmp(kind(heavier), q, v, a, LEFT)
+        np.testing.assert_allclose(zs.zmp(kind(tree).with_payload_scaled(1.25), q, v, a, LEFT), expected, atol=SAME)
+        np.testing.assert_allclose(zs.zmp(kind(tree.with_payload_scaled(1.25)), q, v, a, LEFT), expected, atol=SAME)
+    empty = zs.zmp(tree.with_payload_scaled(0.0), q, v, a, LEFT)
+    np.testing.assert_allclose(empty, zs.zmp(bare, q, v, a, LEFT), atol=SAME)
+    assert tree.payload_mass == 4000.0
+    assert tree.with_payload_scaled(1.25).mass == pytest.approx(heavier.mass)
+    for factor in (-0.1, np.nan):
+        with pytest.raises(zs.MachineError, match="payload factor"):
+            tree.with_payload_scaled(factor)
+
+
+def test_a_robust_plan_is_safe_for_every_payload_and_slope_that_it_names() -> None:
+    plan = demanding_plan()
+    assert plan.success, plan.message
+    assert plan.status is zs.Status.OPTIMAL  # it costs time, so the corners are active
+    asked, rng = plan.problem, np.random.default_rng(1)
+    worst = np.inf
+    for _ in range(300):
+        mu = rng.choice([0.9, 1.1 / FRACTION, rng.uniform(0.9, 1.1 / FRACTION)])
+        angle = asked.slope_uncertainty * rng.choice([1.0, rng.random()])
+        loaded = machine().with_payload_scaled(mu)
+        worst = min(worst, least_margin(loaded, plan.trajectory, leaning(asked.ground, angle, rng)))
+    assert plan.margin >= 0.0
+    assert worst >= plan.margin - SAME
+
+
+def test_a_plan_that_ignores_what_is_uncertain_is_not() -> None:
+    """Otherwise the test above would prove nothing."""
+    asked = demanding_plan().problem
+    blind = zs.plan(problem(ground=asked.ground, intervals=20))
+    assert blind.success
+    assert blind.duration < demanding_plan().duration
+    heavy = machine().with_payload_scaled(1.1 / FRACTION)
+    leaned = zs.Slope(roll=asked.ground.roll - asked.slope_uncertainty).gravity()
+    assert least_margin(heavy, blind.trajectory, leaned) < -0.05
+
+
+def test_the_certificate_names_the_worst_corner() -> None:
+    plan = demanding_plan()
+    assert plan.certificate.corner.startswith("payload 7333 kg, roll -2.0")
+    least = min(
+        zs.certify(corner.machine, plan.trajectory, corner.ground).margin for corner in plan.problem.corners(every=True)
+    )
+    assert plan.margin == least
+
+
+def test_a_safer_problem_is_never_faster() -> None:
+    options: list[dict[str, Any]] = [
+        {}, {"payload_uncertainty": 0.1}, {"tipping_fraction": 0.75}, {"slope_uncertainty": np.radians(2.0)},
+    ]  # fmt: skip
+    steep = zs.Slope(roll=np.radians(-STEEP))
+    durations = [zs.plan(problem(ground=steep, intervals=20, **option)).duration for option in options]
+    assert min(durations) >= durations[0] * (1.0 - 1e-6)
+    assert demanding_plan().duration > durations[0] * 1.001
+
+
+def test_derivatives_and_curvature_of_all_corners_at_once() -> None:
+    asked = problem(intervals=3, payload_uncertainty=0.2, slope_uncertainty=0.05)
+    start, goal = boundaries(asked)
+    nlp = Transcription(stage_model(asked), start, goal, path_bounds(asked, tightened=0.0), intervals=3, reference=5.0)
+    rng = np.random.default_rng(2)
+    x = nlp.pack(rng.normal(size=(3, 1, 5)), 20.0)
+    lin = nlp.linearize(x)
+    assert lin.basis is not None
+    Z = lin.basis.Z  # control points are derived where the gaps stay closed
+    slopes = central_differences(lambda move: nlp.evaluate(x + Z @ move).inequalities, np.zeros(Z.shape[1]))
+    np.testing.assert_allclose(lin.C @ Z, slopes, atol=1e-6 * max(1.0, float(np.abs(slopes).max())))
+    model, n = stage_model(asked), 5
+    at, weights = rng.normal(size=3 * n + 1), rng.normal(size=6 * len(model.parts))
+    weights[:6] = 0.0  # a corner that does not matter
+    at[-1] = 20.0
+
+    def gradient(y: Array) -> Array:
+        return weights @ model.wrench_derivatives(y[None, :n], y[None, n : 2 * n], y[None, 2 * n : -1], y[-1])[1][0]
+
+    H = wrench_curvature(model, at[None, :n], at[None, n : 2 * n], at[None, 2 * n : -1], at[-1], weights[None])[0]
+    expected = central_differences(gradient, at)
+    np.testing.assert_allclose(H, expected, atol=1e-5 * float(np.abs(expected).max()))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"tipping_fraction": 0.0}, r"tipping_fraction must lie within \[0.1, 1\]"),
+        ({"tipping_fraction": 1.2}, r"tipping_fraction must lie within"),
+        ({"payload_uncertainty": -0.1}, r"payload_uncertainty must lie within \[0, 0.9\]"),
+        ({"payload_uncertainty": np.nan}, r"payload_uncertainty"),
+        ({"slope_uncertainty": 1.0}, r"slope_uncertainty must lie within \[0, 0.5\]"),
+        ({"slope_uncertainty": "2 deg"}, r"slope_uncertainty"),
+        ({"tipping_fraction": 0.2}, r"tips over at rest at the (start|goal) with payload 20000 kg"),
+        ({"slope_uncertainty": 0.3}, r"tips over at rest at the (start|goal) with roll [+-]17.2 and pitch"),
+    ],
+)
+def test_bad_uncertainties_get_one_sentence(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(zs.ProblemError, match=message):
+        problem(**changes)
+
+
+def test_without_a_payload_or_a_slope_there_is_nothing_to_be_uncertain_of() -> None:
+    bare = zs.load_machine("feller_buncher")
+    with pytest.raises(zs.ProblemError, match="payload_uncertainty needs a payload"):
+        zs.Problem(bare, START, GOAL, LEFT, payload_uncertainty=0.1)
+
+    class Level:
+        def gravity(self, yaw: float = 0.0) -> Array:
+            return np.array([0.0, 0.0, -9.81])
+
+    with pytest.raises(zs.ProblemError, match="slope_uncertainty needs a Slope, not Level"):
+        zs.Problem(bare, START, GOAL, Level(), slope_uncertainty=0.1)

@@ -1,0 +1,110 @@
+"""`zmp-sqp check`: the verdict on motions, ours and spoilt ones, and on bad input."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import zmp_sqp as zs
+from tests.problems import paper_scene
+from zmp_sqp.cli import main
+
+TREE = ("--payload", "4000", "--payload-frame", "head", "--payload-com", "0", "0", "3.323", "--point-masses")
+START = np.array([0.0, -np.pi / 6, -2 * np.pi / 3, np.pi / 6, -np.pi / 2])
+GOAL = START + np.array([np.pi, 0.0, 0.0, 0.0, 0.0])
+
+
+@pytest.fixture(scope="module")
+def blind(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The motion of the phase plane, as a file: it tips the machine over on 20 degrees."""
+    path = tmp_path_factory.mktemp("motions") / "blind.csv"
+    zs.phase_plane(paper_scene().load(), START, GOAL).to_csv(path)
+    return path
+
+
+def checked(path: Path, *options: str, code: int, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+    assert main(["check", "feller_buncher", str(path), *TREE, *options, "--json", "-"]) == code
+    result: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return result
+
+
+def test_a_motion_that_tips_the_machine_is_called_unsafe(blind: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    result = checked(blind, "--roll", "-20", code=1, capsys=capsys)
+    machine = paper_scene().load()
+    expected = zs.certify(machine, zs.Trajectory.from_csv(blind, machine), paper_scene().ground)
+    assert not result["safe"]
+    assert result["margin"] == expected.margin
+    assert result["edge"] == "left"
+    assert result["margin"] < -0.3
+    assert result["load_transfer_ratio"] > 1.0
+    assert result["force_angle"] < 0.0
+    assert result["tip_over_energy"] < 0.0
+
+
+def test_the_same_motion_is_safe_on_level_ground_up_to_its_margin(
+    blind: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    level = checked(blind, code=0, capsys=capsys)
+    assert level["safe"]
+    assert level["limits_ok"]
+    assert 0.0 < level["margin"] < 1.615
+    assert 0.0 < level["load_transfer_ratio"] < 1.0
+    more = str(level["margin"] + 0.01)
+    refused = checked(blind, "--margin", more, code=1, capsys=capsys)
+    assert refused["required"] == float(more)
+    assert main(["check", "feller_buncher", str(blind), *TREE, "--margin", more]) == 1
+    assert "less the margin by 0.01" in capsys.readouterr().out
+
+
+def test_a_motion_faster_than_its_joints_is_not_safe(
+    blind: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    limits = tmp_path / "joint_limits.yaml"
+    joints = "".join(
+        f"  {name}: {{has_acceleration_limits: true, max_acceleration: 2.0, has_velocity_limits: true, "
+        f"max_velocity: {0.5 if name == 'slew' else 1.0}}}\n"
+        for name in ("slew", "boom", "stick", "tilt", "head")
+    )
+    limits.write_text(f"joint_limits:\n{joints}", encoding="utf-8")
+    result = checked(blind, "--limits", str(limits), code=1, capsys=capsys)
+    assert not result["limits_ok"]
+    assert result["limit_excess"] == pytest.approx(np.pi / 4 - 0.5, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["check", "feller_buncher", "nowhere.csv"], "cannot read nowhere.csv"),
+        (["check", "feller_bunche", "nowhere.csv"], "feller_bunche"),
+        (["check", "feller_buncher", "nowhere.csv", "--payload", "4000"], "belong together"),
+        (["check", "feller_buncher", "nowhere.csv", "--roll", "95"], "slope roll must lie within"),
+        (["check", "feller_buncher", "nowhere.csv", "--roll", "nan"], "slope roll"),
+        (["check", "feller_buncher", "nowhere.csv", "--contact-links", "tracks"], "tracks"),
+    ],
+)
+def test_bad_input_gets_one_sentence(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(arguments) == 2
+    complaint = capsys.readouterr().err
+    assert message in complaint
+    assert complaint.count("\n") == 1
+
+
+def test_a_file_that_is_no_motion_is_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "motion.csv"
+    for text in ("", "time\n0\n", "time,slew.position\n0,a\n", "\x00\x01"):
+        path.write_text(text, encoding="utf-8")
+        assert main(["check", "feller_buncher", str(path)]) == 2
+        assert capsys.readouterr().err.startswith("zmp-sqp: error: ")
+
+
+def test_help_is_complete(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(["check", "--help"])
+    assert stop.value.code == 0
+    text = capsys.readouterr().out
+    for word in ("--roll", "--payload-com", "exit codes", "tip_over_energy", "feller_buncher"):
+        assert word in text

@@ -1,0 +1,180 @@
+"""`zmp-sqp check`: the certificate of an existing motion, from anywhere."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from zmp_sqp.arrays import Array
+from zmp_sqp.errors import ContactLost, MachineError
+from zmp_sqp.mechanics import Machine, Payload, Slope, load_machine, shipped_machines
+from zmp_sqp.mechanics.stability_measures import stability_measures
+from zmp_sqp.planning import Certificate, Trajectory, certify
+from zmp_sqp.report import key_table, versions
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+__all__ = ["add_check", "run_check"]
+
+SHARES = np.linspace(0.0, 1.0, 11)  # of each interval, at which the other measures are sampled
+CHECK_KEYS = """\
+--json writes one object; SI units, null where there is no value:
+  safe                 whether margin and joint limits are guaranteed for all t
+  margin, required     [m] guaranteed distance from the ZMP to the nearest edge, and what was asked for;
+                       null margin: the ground would have to pull
+  margin_at, edge      [s] and the name of the edge: where the sampled margin is least
+  sampled              [m] that least margin
+  limits_ok, limit_excess
+  duration, gap        [s]; how much longer than the fastest motion within the joint limits
+  load_transfer_ratio  largest, sampled; 1 where one side carries nothing
+  force_angle          least, sampled, Papadopoulos & Rey 1996, [rad]
+  tip_over_energy      least, sampled, Messuri & Klein 1985 with inertial forces, [J]
+  versions             of Python, of this package and of what it stands on
+"""
+
+
+def add_check(commands: Any, exit_codes: str) -> None:
+    """Add the subcommand to an argparse parser's subcommands."""
+    command = commands.add_parser(
+        "check",
+        help="the certificate of an existing motion",
+        description=(
+            "Prove, for all t and not only at samples, how far the ZMP of a motion stays inside the support polygon,\n"
+            "and whether it keeps the joint limits. The motion is a CSV file as `zmp-sqp plan --out` writes it:\n"
+            "time, then JOINT.position, JOINT.velocity, JOINT.acceleration (and JOINT.jerk) of every joint."
+        ),
+        epilog=(
+            "examples:\n"
+            "  zmp-sqp check feller_buncher out/paper_1/trajectory.csv --roll -20 \\\n"
+            "      --payload 4000 --payload-frame head --payload-com 0 0 3.323 --point-masses\n"
+            "  zmp-sqp check my_crane.urdf motion.csv --roll 5 --pitch -3 --margin 0.2 --limits joint_limits.yaml\n\n"
+            f"shipped machines: {', '.join(shipped_machines())}\n\n{CHECK_KEYS}\n{exit_codes}"
+        ),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    command.set_defaults(run=run_check)
+    command.add_argument("urdf", metavar="URDF", help="the machine: a URDF file, or the name of a shipped one")
+    command.add_argument("trajectory", type=Path, metavar="TRAJECTORY.csv", help="the motion")
+    command.add_argument("--roll", type=float, default=0.0, metavar="DEG", help="of the slope; negative leans left")
+    command.add_argument("--pitch", type=float, default=0.0, metavar="DEG", help="of the slope; positive is nose down")
+    command.add_argument("--margin", type=float, default=0.0, metavar="M", help="[m] to keep from every edge")
+    command.add_argument("--limits", metavar="FILE", help="joint_limits.yaml (default: the one beside the URDF)")
+    command.add_argument("--contact-links", nargs="+", metavar="LINK", help="links that stand on the ground")
+    command.add_argument("--payload", type=float, metavar="KG", help="mass of what it carries")
+    command.add_argument("--payload-frame", metavar="LINK", help="the link that carries it")
+    command.add_argument("--payload-com", type=float, nargs=3, metavar=("X", "Y", "Z"), help="[m] in that link's frame")
+    command.add_argument("--point-masses", action="store_true", help="no rotational inertia: the paper's eq. (5)")
+    command.add_argument(
+        "--json", metavar="FILE", help="write the results; - is standard output, with nothing else there"
+    )
+
+
+def run_check(arguments: argparse.Namespace) -> int:
+    """Check, print, write; 0 if the motion is proven safe, 1 if not."""
+    from rich.console import Console
+
+    machine = _machine(arguments)
+    ground = Slope(roll=np.deg2rad(arguments.roll), pitch=np.deg2rad(arguments.pitch))
+    trajectory = Trajectory.from_csv(arguments.trajectory, machine)
+    found = certify(machine, trajectory, ground, arguments.margin)
+    result = _result(machine, trajectory, ground, found)
+
+    console = Console(stderr=arguments.json == "-", highlight=False, markup=False)
+    console.print(f"{arguments.trajectory}: {machine.name}", style="bold", soft_wrap=True)
+    console.print(_table(result))
+    console.print(_verdict(result), style=None if found.safe else "bold red", soft_wrap=True)
+    text = json.dumps(result, indent=2, allow_nan=False) + "\n"
+    if arguments.json == "-":
+        print(text, end="")
+    elif arguments.json is not None:
+        Path(arguments.json).write_text(text, encoding="utf-8")
+        console.print(f"wrote {arguments.json}", soft_wrap=True)
+    return 0 if found.safe else 1
+
+
+def _machine(arguments: argparse.Namespace) -> Machine:
+    machine = load_machine(arguments.urdf, support=arguments.contact_links, limits=arguments.limits)
+    given = [getattr(arguments, key) is not None for key in ("payload", "payload_frame", "payload_com")]
+    if any(given) and not all(given):
+        raise MachineError("--payload, --payload-frame and --payload-com belong together: give all three")
+    if all(given):
+        payload = Payload(mass=arguments.payload, com=arguments.payload_com, frame=arguments.payload_frame)
+        machine = machine.with_payload(payload)
+    return machine.with_point_masses() if arguments.point_masses else machine
+
+
+def _result(machine: Machine, trajectory: Trajectory, ground: Slope, found: Certificate) -> dict[str, Any]:
+    support = machine.support
+    return {
+        "safe": found.safe,
+        "margin": _finite(found.margin),
+        "required": found.required,
+        "margin_at": found.margin_at,
+        "edge": "" if support is None else support.edge_name(found.edge),
+        "sampled": _finite(found.sampled),
+        "limits_ok": found.limits_ok,
+        "limit_excess": _finite(found.limit_excess),
+        "duration": trajectory.duration,
+        "gap": found.gap,
+        **_measures(machine, trajectory, ground),
+        "versions": versions(),
+    }
+
+
+def _measures(machine: Machine, trajectory: Trajectory, ground: Slope) -> dict[str, float | None]:
+    """The worst of the other measures; null where the machine lifts off, or while its base drives."""
+    names = {"load_transfer_ratio": max, "force_angle": min, "tip_over_energy": min}
+    if trajectory.base is not None:
+        return dict.fromkeys(names)
+    _, q, v, a = trajectory.within(SHARES)
+    try:
+        measures = stability_measures(machine, q, v, a, ground)
+    except ContactLost:
+        return dict.fromkeys(names)
+    values: dict[str, Array] = {name: getattr(measures, name) for name in names}
+    return {name: float(worst(values[name])) for name, worst in names.items()}
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _table(result: Mapping[str, Any]) -> Table:
+    return key_table(
+        {
+            "guaranteed margin [m]": result["margin"],
+            "asked for [m]": result["required"],
+            f"least sampled margin [m], at the {result['edge']} edge": result["sampled"],
+            "at [s]": result["margin_at"],
+            "duration [s]": result["duration"],
+            "above the joints' own bound [%]": 100.0 * result["gap"],
+            "largest load transfer ratio": result["load_transfer_ratio"],
+            "least force angle [rad]": result["force_angle"],
+            "least tip-over energy [kJ]": None
+            if result["tip_over_energy"] is None
+            else 1e-3 * result["tip_over_energy"],
+        }
+    )
+
+
+def _verdict(result: Mapping[str, Any]) -> str:
+    reasons = []
+    if result["margin"] is None:
+        reasons.append(f"at {result['margin_at']:.2f} s the ground would have to hold the machine down")
+    elif result["margin"] < result["required"]:
+        short = result["required"] - result["margin"]
+        kept = " less the margin" if result["required"] else ""
+        leaves = "leaves" if (result["sampled"] or 0.0) < result["required"] else "may leave"
+        reasons.append(
+            f"at {result['margin_at']:.2f} s the ZMP {leaves} the {result['edge']} edge{kept} by {short:.3f} m"
+        )
+    if not result["limits_ok"]:
+        excess = result["limit_excess"]
+        reasons.append("a joint limit is exceeded" + ("" if excess is None else f" by {excess:.3g}"))
+    return "Safe at all times." if not reasons else f"Not safe: {'; '.join(reasons)}."

@@ -1,0 +1,119 @@
+"""What is uncertain about payload and slope, as corners: what holds at all of them holds for everything between."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from zmp_sqp.arrays import Array
+from zmp_sqp.errors import ProblemError
+from zmp_sqp.mechanics.ground import Ground, Slope
+from zmp_sqp.mechanics.machine import Machine
+
+__all__ = ["Corner", "corners", "leaning_corners"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Corner:
+    """One extreme of what is uncertain.
+
+    Attributes:
+        machine: With the payload of this extreme.
+        ground: With its gravity.
+        text: What is special about it, in words; empty where nothing is uncertain.
+    """
+
+    machine: Machine
+    ground: Ground
+    text: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class LeaningSlope(Slope):
+    """A slope whose gravity at yaw zero is given rather than computed; the plane and its frame stay.
+
+    Attributes:
+        gravity_at_zero: In the root frame at yaw zero [m/s^2].
+    """
+
+    gravity_at_zero: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def gravity_at_yaws(self, yaw: Array) -> Array:
+        """Gravity in the root frame at headings (K,) in the plane, shape (K, 3) [m/s^2]."""
+        x, y, z = self.gravity_at_zero
+        cos, sin = np.cos(yaw), np.sin(yaw)
+        return np.column_stack([cos * x + sin * y, cos * y - sin * x, np.full_like(yaw, z)])
+
+
+def corners(
+    machine: Machine, ground: Ground, *, tipping_fraction: float, payload_uncertainty: float,
+    slope_uncertainty: float, every: bool = False,
+) -> tuple[Corner, ...]:  # fmt: skip
+    r"""Extremes of payload and slope between which the rows of the wrench are affine.
+
+    The ground reaction is affine in a factor \mu on the payload's mass (and inertia) and in gravity g, each for itself,
+    so that a row c . W(\mu, g) <= 0 that holds at all corners of a box of (\mu, g) holds in all of it:
+
+    .. math::
+        \mu \in \{1 - u, \; (1 + u) / f\}, \qquad
+        g \in \operatorname{conv} \{\tau \, h_i : \tau \in \{\cos \delta, 1\}\}
+
+    with the payload's uncertainty u, the tipping fraction f (ISO 10567: the rated load is a share of the one that
+    tips), and the corners h_i of a pyramid about every gravity that is off by an angle of up to \delta.
+
+    Args:
+        machine: With its payload.
+        ground: A Slope if the slope is uncertain.
+        tipping_fraction: f, above 0 and at most 1.
+        payload_uncertainty: u, at least 0 and below 1.
+        slope_uncertainty: delta, by which the ground may lean more or less than it should, in any direction [rad].
+        every: Both \tau, as a proof needs, instead of the smaller alone, which is nearly always the worse one.
+
+    Raises:
+        ProblemError: There is no payload to be uncertain of, or no Slope.
+    """
+    loads = [(machine, "")]
+    if tipping_fraction < 1.0 or payload_uncertainty > 0.0:
+        if machine.payload_mass == 0.0:
+            which = "tipping_fraction" if tipping_fraction < 1.0 else "payload_uncertainty"
+            raise ProblemError(f"{which} needs a payload, but machine {machine.name!r} carries none")
+        factors = (1.0 - payload_uncertainty, (1.0 + payload_uncertainty) / tipping_fraction)
+        loads = [(machine.with_payload_scaled(mu), f"payload {mu * machine.payload_mass:.0f} kg") for mu in factors]
+    grounds: list[tuple[Ground, str]] = [(ground, "")]
+    if slope_uncertainty > 0.0:
+        if not isinstance(ground, Slope):
+            raise ProblemError(f"slope_uncertainty needs a Slope, not {type(ground).__name__}")
+        grounds = []
+        for gravity, roll, pitch in leaning_corners(ground, slope_uncertainty):
+            text = f"roll {roll:+.1f} and pitch {pitch:+.1f} degrees"
+            for tau in (np.cos(slope_uncertainty), 1.0) if every else (np.cos(slope_uncertainty),):
+                x, y, z = (float(part) for part in tau * gravity)
+                grounds.append((LeaningSlope(ground.roll, ground.pitch, (x, y, z)), text))
+    return tuple(
+        Corner(load, plane, ", ".join(part for part in (heavy, leaning) if part))
+        for load, heavy in loads
+        for plane, leaning in grounds
+    )
+
+
+def leaning_corners(ground: Slope, delta: float) -> list[tuple[Array, float, float]]:
+    r"""Corners h_i of a pyramid, shape (3,) each [m/s^2], and the changes of roll and pitch they stand for [degrees].
+
+    Gravity at an angle of up to \delta to the nominal one, u, is \tau times a point within \tan \delta of u in the
+    plane through u and across it, with \cos \delta <= \tau <= 1. The pyramid stands on the square about that disc.
+    """
+    nominal = ground.gravity()
+    strength = float(np.linalg.norm(nominal))
+    down, half = nominal / strength, np.tan(delta)
+    ahead = np.cross([0.0, 1.0, 0.0], -down)
+    ahead /= np.linalg.norm(ahead)
+    left = np.cross(-down, ahead)
+    leaning = float(
+        np.degrees(delta)
+    )  # to pitch down leans gravity ahead, to roll up on the left leans it to the right
+    return [
+        (strength * (down + half * (i * ahead + j * left)), -j * leaning, i * leaning)
+        for i in (-1.0, 1.0)
+        for j in (-1.0, 1.0)
+    ]
