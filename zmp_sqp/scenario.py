@@ -123,9 +123,7 @@ def _read_ground(table: Mapping[str, Any], folder: Path) -> Slope | Heightmap:
     if "heightmap" not in table:
         return Slope(**{key.removesuffix("_deg"): np.deg2rad(angle) for key, angle in table.items()})
     options = dict(table["heightmap"])
-    path = folder / options.pop("file")
-    read = Heightmap.from_npy if path.suffix == ".npy" else Heightmap.from_csv
-    return read(path, **options)
+    return Heightmap.from_file(folder / options.pop("file"), **options)
 
 
 def _read_machine(table: Mapping[str, Any], folder: Path) -> Machine:

@@ -11,7 +11,7 @@ import pinocchio as pin
 from scipy.interpolate import RectBivariateSpline
 
 import zmp_sqp as zs
-from tests.problems import GRAVITY, PAPER_GOAL, PAPER_START, Scene, paper_scene
+from tests.problems import FOOTPRINT, GRAVITY, PAPER_GOAL, PAPER_START, Scene, Tree, paper_scene
 
 Array = np.ndarray
 LIMITS = {"max_speed": 10.0, "max_acceleration": 2.0, "max_yaw_rate": 0.5, "max_yaw_acceleration": 1.0}
@@ -122,3 +122,29 @@ def zmp_from_poses(
         f, tau = root.rotation.T @ force, root.rotation.T @ moment
         points.append([-tau[1] / f[2], tau[0] / f[2]])
     return np.array(points)
+
+
+DRAWS = 300  # of a random problem before one must stand at both ends
+LOW, HIGH = np.array([-3.0, -1.2, -2.6, 0.0, -2.0]), np.array([3.0, 0.2, -1.2, 1.2, 0.5])  # [rad] of the joints
+
+
+def random_drive_problem(seed: int, *, over_terrain: bool) -> zs.Problem:
+    """Drive up to 7 m on an arc of up to 1 rad while the arm swings, on slopes to 20 degrees; rest to rest, 0.05 m."""
+    rng = np.random.default_rng([4, seed])
+    for _ in range(DRAWS):
+        (roll, pitch), mass = rng.uniform(-20.0, 20.0, 2), rng.uniform(1500.0, 5500.0)
+        waves = [(rng.uniform(0.0, 0.12), rng.uniform(16.0, 40.0), *rng.uniform(0.0, 6.3, 2)) for _ in range(2)]
+        scene = Scene("feller_buncher", FOOTPRINT, Tree(mass), roll=np.deg2rad(roll), pitch=np.deg2rad(pitch))
+        machine = scene.load()
+        lower, upper = machine.limits.position_lower, machine.limits.position_upper
+        start, goal = (np.clip(rng.uniform(LOW, HIGH), lower, upper) for _ in range(2))
+        chord, turn, yaw = rng.uniform(-7.0, 7.0), rng.uniform(-1.0, 1.0), rng.uniform(-3.0, 3.0)
+        end = (chord * np.cos(yaw + 0.5 * turn), chord * np.sin(yaw + 0.5 * turn), yaw + turn)
+        ground: Any = scene.ground
+        if over_terrain:
+            ground = rolling_map(roll, pitch, waves=waves, low=(-18.0, -18.0), high=(18.0, 18.0))
+        try:
+            return zs.Problem(machine, start, goal, ground=ground, base=base((0.0, 0.0, yaw), end), margin=0.05)
+        except zs.ProblemError:
+            continue
+    raise ValueError(f"no problem in {DRAWS} draws of seed {seed}")

@@ -96,6 +96,14 @@ class Heightmap:
         """
         return cls(_read(path, lambda file: np.load(file, allow_pickle=False)), resolution, origin)
 
+    @classmethod
+    def from_file(
+        cls, path: str | os.PathLike[str], resolution: float, origin: tuple[float, float] = ORIGIN
+    ) -> Heightmap:
+        """As `from_npy` if the name ends in .npy, otherwise as `from_csv`."""
+        read = cls.from_npy if Path(path).suffix == ".npy" else cls.from_csv
+        return read(path, resolution, origin)
+
     @property
     def extent(self) -> Array:
         """Lowest and highest (x, y) on the map, shape (2, 2) [m]."""

@@ -189,6 +189,8 @@ class Problem:
         """Straight line through space from the base's start to its goal, negative backwards; 0 without base [m]."""
         if self.base is None:
             return 0.0
+        if self.base_ground.uniform:
+            return self.base.travel
         ends, _ = self.base_ground.base_pose(np.vstack([self.base.start, self.base.goal]))
         return float(np.copysign(np.linalg.norm(ends[1] - ends[0]), self.base.travel))
 
