@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import zmp_sqp as zs
-from tests.planning.driving import terrain
 from tests.problems import paper_scene
 from zmp_sqp.cli import main
 from zmp_sqp.scenario import SHIPPED, load_scenario
@@ -78,9 +77,9 @@ def test_a_motion_faster_than_its_joints_is_not_safe(
 
 
 def test_a_drive_over_a_heightmap_is_checked_on_that_map(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    _, plan = terrain()
+    plan = zs.plan(load_scenario("terrain").problem)
     plan.trajectory.to_csv(tmp_path / "motion.csv")
-    machine, ground = paper_scene().load(), load_scenario("terrain").problem.ground
+    machine, ground = paper_scene().load(), plan.problem.ground
     ground_options = ("--heightmap", str(SHIPPED / "terrain.csv"), "--resolution", "1", "--origin", "-16", "-14")
     expected = zs.certify(machine, zs.Trajectory.from_csv(tmp_path / "motion.csv", machine, ground), ground)
     result = checked(tmp_path / "motion.csv", *ground_options, code=0 if expected.safe else 1, capsys=capsys)
