@@ -34,6 +34,7 @@ check: venv  ## linter, formatter, types
 bench: venv  ## speed and robustness, printed as tables
 	$(BIN)/python -m benchmarks.speed
 	$(BIN)/python -m benchmarks.random_problems
+	$(BIN)/python -m benchmarks.memory
 
 clean:  ## remove the virtual environment and everything made by these targets
 	rm -rf .venv out dist build .pytest_cache .hypothesis .mypy_cache .ruff_cache

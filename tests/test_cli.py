@@ -169,12 +169,16 @@ def test_a_start_in_motion_has_no_phase_plane_to_compare_with(
 def test_no_motion_is_a_diagnosis_and_exit_code_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "stretched.toml").write_text(STRETCHED)
     (tmp_path / "trajectory.csv").write_text("of an earlier run")
-    assert cli.main(["plan", str(tmp_path / "stretched.toml"), "--out", str(tmp_path), "--json", "-"]) == 1
+    options = ["--out", str(tmp_path), "--json", "-", "--intervals", "6"]
+    assert cli.main(["plan", str(tmp_path / "stretched.toml"), *options]) == 1
     captured = capsys.readouterr()
     result = json.loads(captured.out)
     assert result["success"] is False
     assert (result["duration"], result["margin"], result["joints"]) == (None, None, None)
     assert result["message"] in captured.err
+    assert 0.0 < result["diagnosis"]["largest_payload"] < 4000.0
+    assert 0.0 < result["diagnosis"]["steepest_slope"] < 0.35
+    assert "For this goal the payload could be" in result["message"]
     assert result == json.loads((tmp_path / "plan.json").read_text())
     assert {path.name for path in tmp_path.iterdir()} == {"stretched.toml", "plan.json"}  # no motion lies about
 

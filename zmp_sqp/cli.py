@@ -18,7 +18,7 @@ from zmp_sqp import __version__
 from zmp_sqp.check_command import add_check
 from zmp_sqp.errors import ZmpSqpError
 from zmp_sqp.paper_command import PAPER_FILES, PAPER_KEYS, run_paper
-from zmp_sqp.planning import Plan, Problem, Trajectory, phase_plane, plan
+from zmp_sqp.planning import Plan, Problem, Trajectory, diagnose, phase_plane, plan
 from zmp_sqp.plots import joint_unit, plot_joints, plot_zmp
 from zmp_sqp.report import RESULT_KEYS, history_table, joint_table, make_result, summary_table
 from zmp_sqp.scenario import load_scenario, shipped_scenarios
@@ -103,6 +103,10 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--intervals", type=int, metavar="N", help="of the time grid (default: the scenario's)")
     command.add_argument("--margin", type=float, metavar="M", help="[m] from ZMP to edges (default: the scenario's)")
     command.add_argument("--no-figures", dest="figures", action="store_false", help="write no figures")
+    command.add_argument(
+        "--no-diagnosis", dest="diagnosis", action="store_false",
+        help="where no motion is found, do not look for a payload or a slope that would do",
+    )  # fmt: skip
     command.add_argument("--verbose", action="store_true", help="print every iteration of the SQP")
     _add_paper(commands)
     add_check(commands, EXIT_CODES)
@@ -181,7 +185,12 @@ def _plan(arguments: argparse.Namespace) -> int:
     console.print(summary_table(result))
     if found.success:
         console.print(joint_table(result, joint_unit(problem.machine)))
-    console.print(found.message, style=None if found.success else "bold red", soft_wrap=True)
+    if not found.success and arguments.diagnosis:
+        with console.status("looking for what would be possible ...") as status:
+            said = diagnose(found, progress=lambda words: status.update(f"trying {words} ..."))
+        result["diagnosis"] = {"largest_payload": said.largest_payload, "steepest_slope": said.steepest_slope}
+        result["message"] = said.message
+    console.print(result["message"], style=None if found.success else "bold red", soft_wrap=True)
     if arguments.out is not None:
         for line in _write(arguments.out, found, baseline, result, figures=arguments.figures):
             console.print(line, soft_wrap=True)

@@ -34,6 +34,7 @@ RESULT_KEYS = """\
   qp_solver                 the QP solver that was asked for
   phase_plane               duration and margin of the motion that knows no ZMP;
                             null if the start or the goal is in motion, or the base drives
+  diagnosis                 without success: largest_payload [kg], steepest_slope [rad]; or null
   joints                    by name: peak_rate, rate_limit, peak_acceleration, acceleration_limit
   versions                  of Python, of this package and of what it stands on
 """
@@ -54,6 +55,7 @@ def make_result(scenario: Scenario, found: Plan, baseline: Trajectory | None, qp
         "solve_time": found.solve_time,
         "qp_solver": qp_solver,
         "phase_plane": None if baseline is None else _baseline_result(found.problem, baseline),
+        "diagnosis": None,
         "joints": _joint_peaks(found.problem, found.trajectory) if found.success else None,
         "versions": versions(),
     }

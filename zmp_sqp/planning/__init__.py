@@ -5,6 +5,7 @@ from zmp_sqp.planning.base_bound import base_acceleration_bound, moving_base_zmp
 from zmp_sqp.planning.base_motion import BaseMotion
 from zmp_sqp.planning.baseline import phase_plane
 from zmp_sqp.planning.certificate import Certificate, certify
+from zmp_sqp.planning.diagnosis import Diagnosis, diagnose
 from zmp_sqp.planning.planner import plan
 from zmp_sqp.planning.problem import Problem
 from zmp_sqp.planning.root_motion import trajectory_zmp
@@ -18,6 +19,7 @@ from zmp_sqp.planning.unicycle_motion import UnicycleMotion
 __all__ = [
     "BaseMotion",
     "Certificate",
+    "Diagnosis",
     "DistanceLimits",
     "LumpedMass",
     "Plan",
@@ -31,6 +33,7 @@ __all__ = [
     "analytic_slew_duration",
     "base_acceleration_bound",
     "certify",
+    "diagnose",
     "moving_base_zmp",
     "phase_plane",
     "plan",

@@ -13,7 +13,6 @@ from zmp_sqp.arrays import Array, finite_number
 from zmp_sqp.errors import ProblemError, TrajectoryError
 from zmp_sqp.planning.answer import Plan, Status
 from zmp_sqp.planning.certificate import Certificate
-from zmp_sqp.planning.diagnosis import failure_message
 from zmp_sqp.planning.driving import DrivingTranscription
 from zmp_sqp.planning.formulation import (
     GUARD,
@@ -26,6 +25,7 @@ from zmp_sqp.planning.formulation import (
 )
 from zmp_sqp.planning.guess import initial_guess, kinematic_lower_bound
 from zmp_sqp.planning.hold import CONSTANT, LINEAR, slope_ties
+from zmp_sqp.planning.messages import failure_message
 from zmp_sqp.planning.problem import Problem
 from zmp_sqp.planning.robust_certificate import certify_for
 from zmp_sqp.planning.single_thread import one_blas_thread
@@ -40,6 +40,7 @@ __all__ = ["plan"]
 
 FALLBACK = "piqp"
 SAME_DURATION = 1e-6  # relative: of two solutions as fast as that, the later one has converged
+EPSILON = 1e-9
 MAX_TIGHTENINGS = 6
 MAX_ITERATIONS = 100
 # Guesses by how much slower they are than the bound, and iterations spent on them: first whether the bound can be kept,
@@ -216,7 +217,8 @@ def _is_better(found: tuple[Program, SQPResult], best: tuple[Program, SQPResult]
         return found[1].status.is_feasible
     if found[1].status.is_feasible:
         return found[0].unpack(found[1].x)[3] < best[0].unpack(best[1].x)[3] * (1.0 + SAME_DURATION)
-    return found[1].at.violation < best[1].at.violation
+    outside = [result.at.violation / max(result.at.objective, EPSILON) for _, result in (found, best)]  # rows carry S
+    return outside[0] < outside[1]
 
 
 def _already_there(problem: Problem, qp_solver: str, started: float) -> Plan:

@@ -11,11 +11,10 @@ from zmp_sqp.arrays import Array, finite_number, frozen_array, shortened
 from zmp_sqp.errors import MachineError, ProblemError
 from zmp_sqp.mechanics.ground import Ground, Slope, Terrain
 from zmp_sqp.mechanics.machine import Machine
-from zmp_sqp.mechanics.wrench import ground_reaction
-from zmp_sqp.mechanics.zero_moment_point import zmp_of_wrench
 from zmp_sqp.planning.coordinates import Coordinates
 from zmp_sqp.planning.robustness import Corner, corners
 from zmp_sqp.planning.simplified import FORM_TOLERANCE, DistanceLimits, simplified_coordinates
+from zmp_sqp.planning.statics import check_at_rest, check_in_motion, gravity_under
 from zmp_sqp.planning.trajectory import Trajectory
 from zmp_sqp.planning.unicycle import UnicycleBase, terrain_of
 
@@ -29,7 +28,6 @@ UNCERTAINTIES = (("tipping_fraction", 0.1, 1.0), ("payload_uncertainty", 0.0, 0.
 FARTHEST = 1e5  # [rad or m] coordinates beyond it leave too few digits
 LIMIT_TOLERANCE = 1e-9  # [rad or m] rounding that a start or goal may stand outside its limits
 LIMIT_RANGE = (1e-12, 1e12)  # [rad or m, per second, per second squared] beyond, squares of durations overflow
-STATIC_TOLERANCE = 1e-9  # [m] likewise for the ZMP at rest
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -194,14 +192,9 @@ class Problem:
         ends, _ = self.base_ground.base_pose(np.vstack([self.base.start, self.base.goal]))
         return float(np.copysign(np.linalg.norm(ends[1] - ends[0]), self.base.travel))
 
-    def gravity_at(self, side: str, ground: Ground | None = None) -> Array:
-        """Gravity in the root frame at the "start" or the "goal", of this ground or another, shape (3,) [m/s^2]."""
-        ground = self.ground if ground is None else ground
-        if self.base is None or not isinstance(ground, Terrain):
-            return ground.gravity()
-        rest = np.zeros((1, 2))
-        motion = ground.base_motion(getattr(self.base, side)[None], rest, rest)
-        return np.asarray(-motion.acceleration[0, :3])
+    def gravity_at(self, side: str) -> Array:
+        """Gravity in the root frame at the "start" or the "goal", shape (3,) [m/s^2]."""
+        return gravity_under(self.ground, None if self.base is None else getattr(self.base, side))
 
     def _check_model(self) -> None:
         if self.distance_limits is not None and self.model != "simplified":
@@ -262,28 +255,12 @@ class Problem:
                     f"{name} velocity {v[i]:.6g} of joint {joint!r} leaves no room to {what} its {side}: "
                     f"{needed:.4g} needed, {room:.4g} there"
                 )
-        if not (v.any() or (self.base is not None and getattr(self.base, f"{name}_velocity").any())):
-            self._check_at_rest(name, q)
-
-    def _check_at_rest(self, name: str, q: Array) -> None:
-        support, margin = self.machine.support, self.margin
-        if support is None:
-            return
-        still = np.zeros((1, len(q)))
-        for corner in self.corners():
-            root = np.concatenate([-self.gravity_at(name, corner.ground), np.zeros(3)])
-            wrench = ground_reaction(corner.machine, q[None], still, still, root_acceleration=root)
-            point = zmp_of_wrench(wrench, support.height)[0]
-            over = support.normals @ point - support.offsets
-            edge = int(np.argmax(over))
-            if over[edge] > -margin + STATIC_TOLERANCE:
-                kept = f" less the margin of {margin:.3g} m" if margin else ""
-                extreme = f" with {corner.text}" if corner.text else ""
-                raise ProblemError(
-                    f"the machine tips over at rest at the {name}{extreme}: its ZMP ({point[0]:.3f}, {point[1]:.3f}) m "
-                    f"lies {over[edge] + margin:.3f} m outside the {support.edge_name(edge)} edge of the support "
-                    f"polygon{kept}"
-                )
+        base_moves = self.base is not None and getattr(self.base, f"{name}_velocity").any()
+        pose = None if self.base is None else getattr(self.base, name)
+        if not (v.any() or base_moves):
+            check_at_rest(name, self.corners(), q, pose=pose, margin=self.margin)
+        elif self.base is None:
+            check_in_motion(name, self.corners(), q, v, margin=self.margin)
 
 
 def _names(joints: tuple[str, ...]) -> str:
