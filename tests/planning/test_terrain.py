@@ -181,6 +181,7 @@ def test_a_ridge_on_the_way_is_a_refusal_that_says_where() -> None:
     assert "too rough for the tracks at (x, y) = (" in plan.message
     with pytest.raises(zs.NotSolved, match="too rough"):
         _ = plan.trajectory
+    assert zs.diagnose(plan).message == plan.message  # less payload would not help
 
 
 def test_the_base_keeps_its_tracks_on_the_map() -> None:
