@@ -212,6 +212,12 @@ def test_a_ground_that_only_has_gravity_carries_no_driving_base() -> None:
         zs.certify(paper_scene(point_masses=False).load(), retreat()[1].trajectory, Odd())
 
 
+def test_the_papers_base_bound_is_for_planes() -> None:
+    machine, arm = paper_scene().load(), zs.phase_plane(paper_scene().load(), PAPER_START, PAPER_GOAL)
+    with pytest.raises(zs.ProblemError, match="in a plane, not over a Heightmap"):
+        zs.base_acceleration_bound(machine, arm, rolling_map())
+
+
 def test_the_simplified_model_does_not_drive() -> None:
     with pytest.raises(zs.ProblemError, match="a base that drives needs model=\"full\", not 'simplified'"):
         replace(problem(rolling_map()), model="simplified")

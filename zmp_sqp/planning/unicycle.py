@@ -28,7 +28,8 @@ class UnicycleBase:
               \qquad \text{(Song \& Sharf 2020, eq. (19))}
 
     Attributes:
-        start: x, y, yaw at the start, in the ground's plane, shape (3,) [m, m, rad].
+        start: x, y, yaw at the start, in the ground's coordinates (of a Slope in its plane, of a Heightmap on the map),
+            shape (3,) [m, m, rad].
         goal: x, y, yaw at the goal; the yaw counts turns [m, m, rad].
         max_speed: Along the heading, either way [m/s].
         max_acceleration: Along the heading [m/s^2].
@@ -36,7 +37,7 @@ class UnicycleBase:
         max_yaw_acceleration: [rad/s^2].
         start_velocity: Speed and yaw rate at the start, shape (2,) [m/s, rad/s]; None is rest.
         goal_velocity: Likewise at the goal.
-        x_bounds: Least and largest x at the nodes [m]; None is no bound.
+        x_bounds: Least and largest x at the nodes, between which they may be passed by millimetres [m]; None is no bound.
         y_bounds: Likewise of y.
 
     Raises:
