@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 
 import zmp_sqp as zs
 from tests.planning.driving import LIMITS, Surface, base, retreat, retreat_problem, rolling_map, terrain, zmp_from_poses
-from tests.problems import PAPER_START, paper_scene
+from tests.problems import PAPER_GOAL, PAPER_START, paper_scene
 from zmp_sqp.planning.unicycle_motion import UnicycleMotion
 from zmp_sqp.scenario import SHIPPED, load_scenario
 

@@ -49,8 +49,8 @@ def base_acceleration_bound(
         (lower, upper) [m/s^2], root frame: lower <= 0 <= upper.
 
     Raises:
-        ProblemError: The arm's motion alone does not keep the margin, its joints are not the machine's, or the ground is
-            no plane.
+        ProblemError: The arm's motion alone does not keep the margin, its joints are not the machine's, or the ground
+            is no plane.
         MachineError: No support polygon.
         ContactLost: The arm's motion alone makes the ground pull.
     """
