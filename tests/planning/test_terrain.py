@@ -14,6 +14,7 @@ from scipy.integrate import solve_ivp
 import zmp_sqp as zs
 from tests.planning.driving import LIMITS, Surface, base, retreat, retreat_problem, rolling_map, terrain, zmp_from_poses
 from tests.problems import PAPER_GOAL, PAPER_START, paper_scene
+from zmp_sqp.planning.robustness import corners
 from zmp_sqp.planning.unicycle_motion import UnicycleMotion
 from zmp_sqp.scenario import SHIPPED, load_scenario
 
@@ -79,6 +80,27 @@ def test_the_zmp_is_that_of_the_bodies_poses(plan: zs.Plan) -> None:
     ours = zs.trajectory_zmp(machine, plan.trajectory, times, ground)
     assert np.abs(zmp_from_poses(scene, plan.trajectory, times, ground=ground) - ours).max() < DIFFERENCES
     assert machine.support.signed_distance(ours).min() >= plan.margin
+
+
+def test_an_uncertain_payload_is_planned_for_over_terrain(plan: zs.Plan) -> None:
+    uncertain = zs.plan(replace(plan.problem, payload_uncertainty=0.1))
+    assert uncertain.success
+    machine, ground = plan.problem.machine, plan.problem.ground
+    t = np.linspace(0.0, uncertain.duration, 500)
+    for share in (0.9, 0.96, 1.04, 1.1):
+        points = zs.trajectory_zmp(machine.with_payload_scaled(share), uncertain.trajectory, t, ground)
+        assert machine.support.signed_distance(points).min() >= uncertain.margin
+    with pytest.raises(zs.ProblemError, match="slope_uncertainty needs a Slope"):
+        replace(plan.problem, slope_uncertainty=0.02)
+
+
+def test_gravity_of_an_uncertain_slope_leans_for_a_base_that_drives() -> None:
+    machine, yaw = paper_scene().load(), 0.7
+    rest, extremes = np.zeros((1, 2)), {"tipping_fraction": 1.0, "payload_uncertainty": 0.0, "slope_uncertainty": 0.05}
+    for corner in corners(machine, zs.Slope(-0.2, 0.1), **extremes):
+        motion = corner.ground.base_motion(np.array([[0.0, 0.0, yaw]]), rest, rest)
+        np.testing.assert_allclose(motion.acceleration[0, :3], -corner.ground.gravity(yaw), atol=1e-12)
+        assert abs(motion.acceleration[0, 0] + zs.Slope(-0.2, 0.1).gravity(yaw)[0]) > 0.1
 
 
 def random_drive(seed: int) -> tuple[zs.Machine, zs.Trajectory, zs.Heightmap]:
