@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -82,6 +83,15 @@ def test_boundaries_in_motion() -> None:
     check(plan)
     _, velocity, _ = plan.trajectory.base(np.array([0.0, plan.duration]))
     np.testing.assert_allclose(velocity, [[0.8, 0.1], [0.5, -0.1]], atol=1e-9)
+
+
+def test_a_retreat_that_begins_and_ends_in_motion_keeps_the_limits_of_its_base() -> None:
+    """Arriving to the last digit once cost 1e-6 of the acceleration limit, and with it the proof."""
+    problem = retreat_problem(paper_scene(point_masses=False))
+    moving = replace(problem.base, start_velocity=(0.8, 0.0), goal_velocity=(0.0, 0.0))
+    plan = zs.plan(replace(problem, base=moving))
+    check(plan)
+    assert plan.duration == pytest.approx(4.504, abs=1e-3)
 
 
 def test_the_bounds_of_a_corridor_hold_at_the_nodes() -> None:

@@ -17,7 +17,7 @@ from zmp_sqp.sqp.nlp import Basis, Evaluation, Linearization
 
 __all__ = ["DrivingTranscription"]
 
-ARRIVED = 1e-12  # [m] from the goal, beside it Newton's steps do not lead nearer
+ARRIVED = 1e-12  # [m] from the goal: Newton's steps lead no nearer
 ARRIVALS = 8  # steps at most; a plane takes one
 PASSES = 20  # of Newton's method over all nodes at once; a plane takes one
 SETTLED = 1e-14  # relative, of positions

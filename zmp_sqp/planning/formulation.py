@@ -25,6 +25,8 @@ __all__ = ["GUARD", "Program", "boundaries", "grid_bound", "path_bounds", "stage
 GUARD = 5e-5  # [m] kept inside the asked margin, so that a proof of the margin is cheap
 LIMIT_GUARD = 1e-8  # relative, likewise for the joint limits
 LEAST_TIME = 1e-9  # [s] of no account: ways so short that rounding shows may take this much longer
+STRETCH = 1e-5  # relative, of the duration, for limits that arriving to the last digit exceeds
+STRETCHES = (1.0, 2.0, 4.0)  # tried in turn: boundary rates stay, so that in motion the way changes with the duration
 RATE_SLACK = 1e-10  # relative, above boundary rates that use up the guard
 UNBOUNDED = 1e4  # [rad or m] stands for a position limit that is infinite
 Program = Transcription | DrivingTranscription
@@ -111,10 +113,13 @@ def trajectory(problem: Problem, nlp: Program, x: Array) -> Trajectory:
         return q, w, u, float(np.sqrt(S))
 
     q, w, controls, duration = motion(x)
-    rates, pushes = np.abs(w) / limits.velocity, np.abs(controls) / limits.acceleration
-    needed = max(float(rates.max()), float(np.sqrt(pushes.max())))  # the duration at which no limit is exceeded
-    if duration < needed <= duration * (1.0 + 1e-7) + LEAST_TIME:
-        q, w, controls, duration = motion(np.append(x[:-1], (needed / nlp.reference) ** 2))  # boundary rates stay
+    for factor in STRETCHES:
+        rates, pushes = np.abs(w) / limits.velocity, np.abs(controls) / limits.acceleration
+        needed = max(float(rates.max()), float(np.sqrt(pushes.max())))  # the duration at which no limit is exceeded
+        if not duration < needed <= duration * (1.0 + STRETCH) + LEAST_TIME:
+            break
+        stretched = duration + factor * (needed - duration)
+        q, w, controls, duration = motion(np.append(x[:-1], (stretched / nlp.reference) ** 2))
     times = np.linspace(0.0, duration, problem.intervals + 1)
     start, end = (nlp.hold.shapes(s)[0] for s in (0.0, 1.0))
     ends = [np.einsum("c,kcn->kn", shape, controls) / duration**2 for shape in (start, end)]
