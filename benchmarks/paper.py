@@ -19,7 +19,7 @@ from typing import Any
 
 from benchmarks.harness import console, save_json
 from zmp_sqp.paper_command import paper_result
-from zmp_sqp.paper_tables import comparison_sheet, ladder_overview, markdown, sheets, terminal
+from zmp_sqp.paper_tables import comparison_sheet, driving_sheet, ladder_overview, markdown, sheets, terminal
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results" / "paper.json"
@@ -29,8 +29,8 @@ ASKED = 60  # [F] for the simplified model from cold
 
 def readme_tables(result: Mapping[str, Any]) -> str:
     """What stands between the marks in README.md."""
-    paper, rungs = comparison_sheet(result["tests"]), ladder_overview(result["ladder"])
-    return f"{BEGIN}\n\n{markdown(paper)}\n{markdown(rungs)}\n{END}"
+    found = comparison_sheet(result["tests"]), driving_sheet(result["driving"]), ladder_overview(result["ladder"])
+    return "\n".join([f"{BEGIN}\n", *map(markdown, found), END])
 
 
 def update_readme(text: str, result: Mapping[str, Any]) -> str:

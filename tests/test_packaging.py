@@ -81,10 +81,12 @@ LEAVES = (
     "zmp_sqp.cli",
     "zmp_sqp.paper",
     "zmp_sqp.paper_command",
+    "zmp_sqp.paper_driving",
     "zmp_sqp.paper_figures",
     "zmp_sqp.paper_ladder",
     "zmp_sqp.paper_tables",
     "zmp_sqp.plots",
+    "zmp_sqp.plots_base",
     "zmp_sqp.report",
     "zmp_sqp.scenario",
 )

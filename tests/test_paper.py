@@ -11,6 +11,7 @@ import pytest
 import zmp_sqp.cli as cli
 import zmp_sqp.paper as paper
 import zmp_sqp.paper_command as paper_command
+from zmp_sqp.paper_driving import TOGETHER, driving_failures
 from zmp_sqp.paper_ladder import ladder
 from zmp_sqp.paper_tables import ladder_overview, ladder_sheet, markdown, sheets
 
@@ -63,6 +64,19 @@ def test_the_base_backs_up_beside_the_arm_with_the_zmp_inside(result: dict[str, 
         assert way["lower"] < 0.0 < way["upper"]
         assert 0.0 < way["factor"] <= 1.0
         assert way["peak_acceleration"] <= paper.BASE["max_acceleration"] + 1e-9
+
+
+def test_base_and_arm_together_are_as_fast_as_two_steps_or_faster_and_as_safe(result: dict[str, Any]) -> None:
+    rows = result["driving"]
+    assert len(rows) == 3 * len(paper.WAYS)
+    assert all(row["success"] and 0.0 <= row["margin"] <= row["sampled"] for row in rows)
+    for distance in paper.WAYS:
+        *steps, together = (row for row in rows if row["distance"] == distance)
+        assert together["planner"] == TOGETHER
+        assert together["duration"] == pytest.approx(PAPER, rel=GRID)
+        assert all(together["duration"] <= (1.0 + GRID) * row["duration"] for row in steps)
+    simplified = next(row for row in rows if row["distance"] == -6.0)
+    assert simplified["duration"] > 1.1 * PAPER  # the arm's motion leaves the base little room: it waits
 
 
 def test_the_analytic_slew_agrees_with_the_sqp(result: dict[str, Any]) -> None:
@@ -161,6 +175,13 @@ def test_each_claim_can_fail(result: dict[str, Any]) -> None:
         spoilt = json.loads(json.dumps(result))
         change(spoilt)
         assert len(paper.failures(spoilt)) == 1
+
+
+def test_each_claim_about_the_base_can_fail(result: dict[str, Any]) -> None:
+    for row, change in ((2, {"margin": -0.1}), (0, {"success": False}), (3, {"duration": 4.0})):
+        spoilt = json.loads(json.dumps(result["driving"]))
+        spoilt[row].update(change)
+        assert len(driving_failures(spoilt)) == 1
 
 
 def test_json_on_standard_output_is_all_there_is(

@@ -134,7 +134,10 @@ def test_figures_4_to_6_show_every_planner_on_every_joint_with_dashed_limits(
     base = asymmetric_profile(-2.0, forward=2.0, backward=2.0, max_speed=10.0, least_duration=0.0)
     moving = Motions(planned.problem, arms, {"phase plane": base, "simplified": base})
     assert [path.name for path in draw_figures(Motions(planned.problem, arms, {}), moving, tmp_path)] == list(FIGURES)
-    _, joints, locus, accelerations = saved
+    loci, joints, locus, accelerations = saved
+    assert {"$d_u$", "$d_l$"} <= {text.get_text() for text in loci.axes[0].texts}
+    for figure in (joints, accelerations):
+        assert "constraints" in {text.get_text() for text in figure.legends[0].get_texts()}
     assert len(joints.axes) == 3 * 5
     assert len(accelerations.axes) == 1 + 5
     for axes in joints.axes:
@@ -145,3 +148,35 @@ def test_figures_4_to_6_show_every_planner_on_every_joint_with_dashed_limits(
         assert len(dashed) == 2
         assert axes.get_ylim()[0] < min(dashed) < max(dashed) < axes.get_ylim()[1]
     assert locus.axes[0].get_xlim() == (-3.0, 3.0)
+
+
+def test_a_base_that_drives_is_drawn_with_its_limits_its_path_and_its_footprints(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    saved = curves(monkeypatch)
+    found = plan(load_scenario("retreat").problem)
+    problem, motion = found.problem, found.trajectory.base
+    plot_joints(problem.machine, found.trajectory, "nowhere.png", base=problem.base, ground=problem.ground)
+    joints, drive, above = saved[0].subfigs
+    assert len(joints.axes) == 3
+    way, speed, yaw, yaw_rate = drive.axes
+    assert [axes.get_ylabel() for axes in drive.axes] == ["way [m]", "speed [m/s]", "yaw [rad]", "yaw rate [rad/s]"]
+    assert -7.0 < way.get_lines()[0].get_ydata()[-1] < -6.0  # a little longer than the chord of 6 m
+    assert "limit 10" in {text.get_text() for text in speed.texts}
+    assert yaw.get_lines()[0].get_ydata()[-1] == pytest.approx(1.0, abs=1e-6)
+    dashed = [line.get_ydata()[0] for line in yaw_rate.get_lines() if line.get_linestyle() == "--"]
+    assert dashed == [-0.5, 0.5]
+    [axes] = above.axes
+    lines = {line.get_label(): line for line in axes.get_lines()}
+    np.testing.assert_allclose(lines["path"].get_xydata()[[0, -1]], motion.poses[[0, -1], :2], atol=1e-6)
+    closed = [line.get_xydata() for line in axes.get_lines() if len(line.get_xydata()) == 5]
+    assert len(closed) >= 4  # start, goal, and between
+    for corners in closed:
+        np.testing.assert_allclose(np.linalg.norm(np.diff(corners, axis=0), axis=1), [5.0, 3.23] * 2, atol=1e-9)
+    assert "downhill" in {text.get_text() for text in axes.texts}
+
+
+def test_a_base_without_known_limits_is_drawn_without_them(tmp_path: Path) -> None:
+    found = plan(load_scenario("paper_2_joint").problem)
+    plot_joints(found.problem.machine, found.trajectory, tmp_path / "joints.png")
+    assert (tmp_path / "joints.png").read_bytes().startswith(PNG)

@@ -228,7 +228,8 @@ def _write(
         planner = PLANNERS.get(found.problem.model, found.problem.model)
         plot_zmp(found.problem, loci | {planner: found.trajectory}, folder / "zmp.png")
         yield f"wrote {folder / 'zmp.png'}"
-        plot_joints(found.problem.machine, found.trajectory, folder / "joints.png")
+        given = found.problem
+        plot_joints(given.machine, found.trajectory, folder / "joints.png", base=given.base, ground=given.ground)
         yield f"wrote {folder / 'joints.png'}"
     except ModuleNotFoundError as missing:
         if missing.name is None or missing.name.partition(".")[0] != "matplotlib":

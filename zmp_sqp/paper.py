@@ -16,6 +16,7 @@ from zmp_sqp.planning import Plan, Problem, Trajectory, phase_plane, plan
 from zmp_sqp.planning.base_bound import moving_base_zmp, plan_base
 from zmp_sqp.planning.base_motion import BaseMotion, asymmetric_profile
 from zmp_sqp.planning.slew import analytic_slew
+from zmp_sqp.report import plan_fields
 from zmp_sqp.scenario import load_scenario
 
 __all__ = [
@@ -100,14 +101,7 @@ def time_plan(problem: Problem, *, qp_solver: str, repeats: int) -> tuple[Plan, 
         units.append((time.process_time() - busy) / unit)
         bare.append(unit)
     return found, {
-        "success": found.success,
-        "status": found.status.name.lower(),
-        "message": found.message,
-        "duration": found.duration if found.success else None,
-        "lower_bound": found.lower_bound,
-        "margin": found.margin if found.success else None,
-        "iterations": found.iterations,
-        "qp_solver": qp_solver,
+        **plan_fields(found),
         "time": float(np.median(seconds)),
         "time_in_F": float(np.median(units)),
         "F": float(np.median(bare)),

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from zmp_sqp.paper import TESTS, Motions, failures, run_slews, run_test
+from zmp_sqp.paper_driving import driving_failures, run_driving
 from zmp_sqp.paper_figures import FIGURES, draw_figures
 from zmp_sqp.paper_ladder import RUNGS, ladder
 from zmp_sqp.paper_tables import markdown, sheets, terminal
@@ -25,6 +26,8 @@ PAPER_KEYS = """\
   tests     of each test: name, title, planners (by name: duration, margin and, for ours, success, status,
             message, lower_bound, iterations, qp_solver, time, time_in_F, F) and base (of each way: distance,
             duration, margin; under eq. (21) lower, upper, factor, peak_acceleration)
+  driving   test 2 with the base, of each distance and planner: success, status, message, duration,
+            lower_bound, margin (proven), sampled, iterations, qp_solver, time
   slews     analytic and sqp duration for each radius, with their times
   ladder    a planner's numbers for each payload, boom_deg, reach and model; status "refused" where the
             problem is none
@@ -58,12 +61,15 @@ def paper_result(
         step(title)
         numbers, motions[name] = run_test(name, qp_solver=qp_solver, repeats=repeats)
         tests.append(numbers)
+    step("test 2, base and arm together")
+    driving = run_driving(qp_solver=qp_solver)
     step("analytic slew")
-    result: dict[str, Any] = {"tests": tests, "slews": run_slews(), "ladder": []}
+    result: dict[str, Any] = {"tests": tests, "driving": driving, "slews": run_slews(), "ladder": []}
     for payload, boom in rungs:
         step(f"ladder, {payload / 1e3:g} t at {boom:g} degrees")
         result["ladder"] += ladder(((payload, boom),))
-    return result | {"failures": failures(result), "versions": versions()}, motions
+    broken = failures(result) + driving_failures(driving)
+    return result | {"failures": broken, "versions": versions()}, motions
 
 
 def run_paper(
@@ -81,7 +87,7 @@ def run_paper(
     screen = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     with Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal) as progress:
-        task = progress.add_task("", total=len(TESTS) + 1 + len(rungs), completed=-1)
+        task = progress.add_task("", total=len(TESTS) + 2 + len(rungs), completed=-1)
 
         def step(what: str) -> None:
             progress.update(task, advance=1, description=what)

@@ -18,6 +18,7 @@ from zmp_sqp.plots import draw_loci, new_figure, planner_colours, plot_zmp, samp
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 __all__ = ["FIGURES", "draw_figures"]
 
@@ -34,7 +35,7 @@ SEEN = 0.5  # [rad] a position limit within this of the motion is drawn
 
 def draw_figures(test_1: Motions, test_2: Motions, folder: Path) -> Iterator[Path]:
     """Write the figures one by one; yields each file."""
-    plot_zmp(test_1.problem, test_1.arms, folder / FIGURES[0], window=WINDOW)
+    plot_zmp(test_1.problem, test_1.arms, folder / FIGURES[0], window=WINDOW, measured="simplified")
     yield folder / FIGURES[0]
     _draw_joints(test_1, folder / FIGURES[1])
     yield folder / FIGURES[1]
@@ -49,9 +50,9 @@ def _draw_joints(motions: Motions, path: Path) -> None:
     machine = motions.problem.machine
     limits = machine.limits
     columns = (
-        ("(a) acceleration [rad/s²]", 2, -limits.acceleration, limits.acceleration),
-        ("(b) rate [rad/s]", 1, -limits.velocity, limits.velocity),
-        ("(c) angle [rad]", 0, limits.position_lower, limits.position_upper),
+        ("(a) joint accelerations [rad/s²]", 2, -limits.acceleration, limits.acceleration),
+        ("(b) joint velocities [rad/s]", 1, -limits.velocity, limits.velocity),
+        ("(c) joint angles [rad]", 0, limits.position_lower, limits.position_upper),
     )
     figure = new_figure(width=10.0, height=8.4)
     grid = figure.subplots(machine.size, 3, sharex=True)
@@ -63,7 +64,7 @@ def _draw_joints(motions: Motions, path: Path) -> None:
             _overlay(axes, motions, quantity=quantity, joint=joint)
             _dash(axes, float(lower[joint]), float(upper[joint]), everything=quantity > 0)
     _name_rows(grid[:, 0], [f"$q_{i + 1}$ {name}" for i, name in enumerate(machine.joint_names)])
-    figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
+    _legend(figure, grid[0, 0])
     save(figure, path)
 
 
@@ -73,10 +74,13 @@ def _draw_accelerations(motions: Motions, path: Path) -> None:
     figure = new_figure(width=7.0, height=8.4)
     rows = figure.subplots(machine.size + 1, 1, sharex=True)
     colours = planner_colours(motions.bases)
+    lasts = max(motions.arms[name].duration for name in motions.bases)
     for name, base in motions.bases.items():
         path_of = base.trajectory if isinstance(base, BaseMotion) else base
-        pieces = sample_times(path_of)
-        rows[0].plot(*_broken(path_of, pieces, 2, 0), color=colours[name], label=name, **STYLES[name])
+        times, pushes = _broken(path_of, sample_times(path_of), 2, 0)
+        if path_of.duration < lasts:  # there, it stands
+            times, pushes = np.append(times, [times[-1], lasts]), np.append(pushes, [0.0, 0.0])
+        rows[0].plot(times, pushes, color=colours[name], label=name, **STYLES[name])
         if isinstance(base, BaseMotion):
             for bound in (base.lower, base.upper):
                 if abs(bound) < 1.2 * BASE["max_acceleration"]:
@@ -89,7 +93,7 @@ def _draw_accelerations(motions: Motions, path: Path) -> None:
         _dash(rows[joint + 1], -float(limit[joint]), float(limit[joint]), everything=True)
     _name_rows(rows, ["base [m/s²]", *(f"$q_{i + 1}$ {name}\n[rad/s²]" for i, name in enumerate(machine.joint_names))])
     rows[-1].set_xlabel("time [s]")
-    figure.legend(*rows[0].get_legend_handles_labels(), loc="outside upper center", ncols=4)
+    _legend(figure, *rows)
     save(figure, path)
 
 
@@ -125,7 +129,7 @@ def _dash(axes: Axes, lower: float, upper: float, *, everything: bool) -> None:
     low, high = axes.get_ylim()
     for limit in (lower, upper):
         if everything or low - SEEN < limit < high + SEEN:
-            axes.axhline(limit, color="black", linestyle="--", linewidth=1.0)
+            axes.axhline(limit, color="black", linestyle="--", linewidth=1.0, label="constraints")
     if everything:
         room = ROOM * upper
         axes.set_ylim(lower - room, upper + room)
@@ -133,6 +137,15 @@ def _dash(axes: Axes, lower: float, upper: float, *, everything: bool) -> None:
         axes.set_ylim(0.5 * (low + high) - 0.5 * SEEN, 0.5 * (low + high) + 0.5 * SEEN)
     axes.margins(x=0.0)
     axes.grid(alpha=0.3)
+
+
+def _legend(figure: Figure, *rows: Axes) -> None:
+    """Above the figure, what any of the rows names, each once."""
+    entries: dict[Any, Any] = {}
+    for axes in rows:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            entries.setdefault(label, handle)
+    figure.legend(list(entries.values()), list(entries), loc="outside upper center", ncols=len(entries))
 
 
 def _name_rows(axes: Array, names: list[str]) -> None:

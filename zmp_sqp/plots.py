@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.errors import ContactLost, ProblemError
-from zmp_sqp.mechanics import Machine, SupportPolygon
-from zmp_sqp.planning import Problem, Trajectory, trajectory_zmp
+from zmp_sqp.mechanics import Ground, Machine, SupportPolygon
+from zmp_sqp.planning import Problem, Trajectory, UnicycleBase, trajectory_zmp
+from zmp_sqp.plots_base import draw_base, draw_plan_view
 from zmp_sqp.scenario import sliding_joints
 
 if TYPE_CHECKING:
@@ -34,13 +35,15 @@ PLANNER_COLOURS = {"phase plane": "tab:green", "full model": "tab:red", "simplif
 OTHER_COLOURS = ("tab:purple", "tab:orange", "tab:brown", "tab:pink", "tab:olive", "tab:cyan")
 JOINT_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#666666")  # Okabe & Ito 2008
 LINE_STYLES = ("-", ":", "-.")  # once the colours are used up
+MEASURED_AT = 0.11  # of the motion, where fig. 3 shows d_u and d_l
 LEVEL = 1e-3  # sine of a slope that is not worth an arrow
 RESOLUTION = 100  # [dots per inch]
 
 
 def plot_zmp(
-    problem: Problem, trajectories: Mapping[str, Trajectory], path: str | Path, *, window: float = 0.0
-) -> None:
+    problem: Problem, trajectories: Mapping[str, Trajectory], path: str | Path, *, window: float = 0.0,
+    measured: str | None = None,
+) -> None:  # fmt: skip
     """Draw ZMP loci in the support polygon: fig. 3 of Song & Sharf 2020.
 
     The axes are the paper's, x to the right of the machine and y ahead of it: (-y, x) of the root frame. The ZMP jumps
@@ -52,6 +55,7 @@ def plot_zmp(
         trajectories: Motions by planner; "phase plane", "full model" and "simplified" have the paper's colours.
         path: File to write; its ending chooses the format.
         window: As in `draw_loci` [m].
+        measured: As in `draw_loci`.
 
     Raises:
         ProblemError: The machine has no support polygon.
@@ -64,13 +68,14 @@ def plot_zmp(
         name: [_locus(problem, trajectory, times) for times in sample_times(trajectory)]
         for name, trajectory in trajectories.items()
     }
-    draw_loci(figure, support, problem.gravity_at("start"), loci, window=window)
+    draw_loci(figure, support, problem.gravity_at("start"), loci, window=window, measured=measured)
     save(figure, path)
 
 
 def draw_loci(
-    figure: Figure, support: SupportPolygon, gravity: Array, loci: Mapping[str, Sequence[Array]], *, window: float = 0.0
-) -> None:
+    figure: Figure, support: SupportPolygon, gravity: Array, loci: Mapping[str, Sequence[Array]], *,
+    window: float = 0.0, measured: str | None = None,
+) -> None:  # fmt: skip
     """Draw support polygon, ZMP loci with their ends, and the way downhill; the legend stands above.
 
     Args:
@@ -79,6 +84,7 @@ def draw_loci(
         gravity: In the root frame, which tells the way downhill, shape (3,) [m/s^2].
         loci: By planner; one array (K, 2) of ZMPs in the root frame for each piece without a jump [m].
         window: Both axes reach from -window to window, as the paper's do [m]; 0 fits them to what is drawn.
+        measured: From a point of this planner's locus, d_u and d_l of eq. (21) are drawn; None draws none.
     """
     axes = figure.add_subplot()
     vertices = support.vertices  # (V, 2)
@@ -97,6 +103,8 @@ def draw_loci(
     for marker, label in (("o", "ZMP initial"), ("s", "ZMP final")):
         axes.plot([], [], "w", marker=marker, markersize=7, markeredgecolor="black", linestyle="none", label=label)
     _draw_downhill(axes, gravity)
+    if measured is not None and measured in loci:
+        _draw_room(axes, support, loci[measured][int(MEASURED_AT * len(loci[measured]))][0])
     if window:
         axes.set(xlim=(-window, window), ylim=(-window, window))
     axes.set_aspect("equal", adjustable="box" if window else "datalim")
@@ -106,16 +114,22 @@ def draw_loci(
     figure.legend(loc="outside upper center", ncols=2)
 
 
-def plot_joints(machine: Machine, trajectory: Trajectory, path: str | Path) -> None:
-    """Draw joint accelerations, rates and angles over time: fig. 4 (a-c) of Song & Sharf 2020.
+def plot_joints(
+    machine: Machine, trajectory: Trajectory, path: str | Path, *, base: UnicycleBase | None = None,
+    ground: Ground | None = None,
+) -> None:  # fmt: skip
+    """Draw joint accelerations, rates and angles over time: fig. 4 (a-c) of Song & Sharf 2020; and the base's motion.
 
     Limits are dashed: black where several joints share one, else in the joint's colour. Position limits far from the
-    motion are left out.
+    motion are left out. A base that moves has columns of its own: way, speed, yaw, yaw rate, and its
+    path seen from above.
 
     Args:
         machine: Gives the limits.
         trajectory: The motion.
         path: File to write; its ending chooses the format.
+        base: Gives the base's limits.
+        ground: For the way downhill beside the base's path.
     """
     limits, unit = machine.limits, joint_unit(machine)
     times = np.concatenate(sample_times(trajectory))
@@ -130,8 +144,10 @@ def plot_joints(machine: Machine, trajectory: Trajectory, path: str | Path) -> N
             limits.position_upper,
         ),
     )
-    figure = new_figure(width=6.4, height=7.2)
-    for axes, (label, values, lower, upper) in zip(figure.subplots(3, 1, sharex=True), panels, strict=True):
+    drive = trajectory.base
+    figure = new_figure(width=6.4 if drive is None else 15.0, height=7.2)
+    parts: Any = [figure] if drive is None else figure.subfigures(1, 3, width_ratios=(6.0, 4.0, 5.0))
+    for axes, (label, values, lower, upper) in zip(parts[0].subplots(3, 1, sharex=True), panels, strict=True):
         for joint, name in enumerate(trajectory.joint_names):
             dashes = LINE_STYLES[joint // len(JOINT_COLOURS) % len(LINE_STYLES)]
             axes.plot(times, values[:, joint], dashes, color=_joint_colour(joint), linewidth=1.4, label=name)
@@ -140,7 +156,11 @@ def plot_joints(machine: Machine, trajectory: Trajectory, path: str | Path) -> N
         axes.margins(x=0.0)
         axes.grid(alpha=0.3)
     axes.set_xlabel("time [s]")
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=6)
+    parts[0].legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=6)
+    if drive is not None:
+        draw_base(parts[1].subplots(4, 1, sharex=True), drive, base, times)
+        if machine.support is not None:
+            draw_plan_view(parts[2].subplots(), drive, machine.support, base, ground)
     save(figure, path)
 
 
@@ -187,6 +207,18 @@ def _draw_downhill(axes: Axes, gravity: Array) -> None:
         [tip] = _paper_axes(2.0 * down[None])
         axes.annotate("", xy=tip, xytext=(0.0, 0.0), arrowprops={"arrowstyle": "->", "color": "grey", "linewidth": 1.6})
         axes.annotate("downhill", xy=(0.0, 0.0), xytext=(6.0, -12.0), textcoords="offset points", color="grey")
+
+
+def _draw_room(axes: Axes, support: SupportPolygon, point: Array) -> None:
+    """Arrows from a ZMP along the heading to the front edge (d_u) and to the rear one (d_l)."""
+    ahead, room = support.normals[:, 0], support.offsets - support.normals @ point
+    for sign, name in ((1.0, "$d_u$"), (-1.0, "$d_l$")):
+        facing = sign * ahead > LEVEL
+        end = point + np.array([sign * float((room[facing] / (sign * ahead[facing])).min()), 0.0])
+        arrow = {"arrowstyle": "<->", "color": "dimgrey", "shrinkA": 0.0, "shrinkB": 0.0}
+        [tail], [tip] = _paper_axes(point[None]), _paper_axes(end[None])
+        axes.annotate("", xy=tip, xytext=tail, arrowprops=arrow)
+        axes.annotate(name, xy=0.5 * (tail + tip), xytext=(4.0, 0.0), textcoords="offset points", va="center")
 
 
 def _draw_limits(axes: Axes, bounds: Array, *, everything: bool) -> None:

@@ -21,7 +21,16 @@ if TYPE_CHECKING:
     from rich.table import Table
     from rich.text import Text
 
-__all__ = ["RESULT_KEYS", "history_table", "joint_table", "key_table", "make_result", "summary_table", "versions"]
+__all__ = [
+    "RESULT_KEYS",
+    "history_table",
+    "joint_table",
+    "key_table",
+    "make_result",
+    "plan_fields",
+    "summary_table",
+    "versions",
+]
 
 PACKAGES = ("numpy", "scipy", "pin", "proxsuite", "piqp", "qpsolvers")  # whose versions a result names
 RESULT_KEYS = """\
@@ -30,8 +39,9 @@ RESULT_KEYS = """\
   success, status, message  whether a motion was found, and why not
   duration, lower_bound     [s]; no motion within the joint limits is faster than the bound
   margin                    [m] from the ZMP to the nearest edge at its least, negative outside
-  iterations, solve_time    of the SQP; [s]
+  iterations                of the SQP
   qp_solver                 the QP solver that was asked for
+  solve_time                [s]
   phase_plane               duration and margin of the motion that knows no ZMP;
                             null if the start or the goal is in motion, or the base drives
   diagnosis                 without success: largest_payload [kg], steepest_slope [rad]; or null
@@ -40,11 +50,9 @@ RESULT_KEYS = """\
 """
 
 
-def make_result(scenario: Scenario, found: Plan, baseline: Trajectory | None, qp_solver: str) -> dict[str, Any]:
-    """What `--json` writes; `RESULT_KEYS` explains it."""
+def plan_fields(found: Plan) -> dict[str, Any]:
+    """What every result tells of a plan, ready for JSON: SI units, None where there is no value."""
     return {
-        "scenario": scenario.name,
-        "title": scenario.title,
         "success": found.success,
         "status": found.status.name.lower(),
         "message": found.message,
@@ -52,8 +60,17 @@ def make_result(scenario: Scenario, found: Plan, baseline: Trajectory | None, qp
         "lower_bound": found.lower_bound,
         "margin": found.margin if found.success else None,
         "iterations": found.iterations,
+        "qp_solver": found.qp_solver,
+    }
+
+
+def make_result(scenario: Scenario, found: Plan, baseline: Trajectory | None, qp_solver: str) -> dict[str, Any]:
+    """What `--json` writes; `RESULT_KEYS` explains it."""
+    return {
+        "scenario": scenario.name,
+        "title": scenario.title,
+        **plan_fields(found),
         "solve_time": found.solve_time,
-        "qp_solver": qp_solver,
         "phase_plane": None if baseline is None else _baseline_result(found.problem, baseline),
         "diagnosis": None,
         "joints": _joint_peaks(found.problem, found.trajectory) if found.success else None,

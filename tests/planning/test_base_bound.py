@@ -11,7 +11,7 @@ import zmp_sqp as zs
 from tests.checks import Oracle
 from tests.problems import FOOTPRINT, GRAVITY, PAPER_GOAL, PAPER_START, Scene, Tree, paper_scene
 from zmp_sqp.planning.base_bound import base_acceleration_bound, moving_base_zmp, plan_base
-from zmp_sqp.planning.base_motion import BaseMotion
+from zmp_sqp.planning.base_motion import BaseMotion, asymmetric_profile, driven_trajectory
 from zmp_sqp.planning.double_integrator import minimum_time
 
 SLOPE = np.deg2rad(15.0)
@@ -234,3 +234,26 @@ def test_heights_count_from_the_support_plane():
     margins = 4.0 - float(zs.zmp(machine, PAPER_START, np.zeros(5), np.zeros(5), LEVEL)[0])
     heights = [-margins * GRAVITY / lower for lower, _ in bounds]
     assert heights[1] - heights[0] == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("distance", [-2.0, 6.0])  # the base ends first, the arm waits
+def test_arm_and_base_in_one_trajectory_are_the_same_motion(distance: float) -> None:
+    machine, start = zs.load_machine("feller_buncher"), np.array([1.0, -2.0, 0.7])
+    arm = zs.phase_plane(machine, BOOM_DOWN, [1.0, *BOOM_UP[1:]])
+    base = asymmetric_profile(distance, forward=1.0, backward=2.0, max_speed=1.5, least_duration=0.0)
+    whole = driven_trajectory(arm, base, start)
+    assert whole.duration == max(arm.duration, base.duration)
+    t = np.linspace(0.0, whole.duration, 301)[:-1]
+    q, v, a = whole(t)
+    pose, rates, pushes = whole.base(t)
+    waits, (joints, joint_rates, joint_pushes) = t > arm.duration, arm(np.minimum(t, arm.duration))
+    rests, (way, speed, push) = t > base.duration, base(np.minimum(t, base.duration))
+    assert waits.any() != rests.any()
+    np.testing.assert_allclose(q, joints, atol=ROUNDING)
+    np.testing.assert_allclose(v[~waits], joint_rates[~waits], atol=ROUNDING)
+    np.testing.assert_allclose(a[~waits], joint_pushes[~waits], atol=ROUNDING)
+    np.testing.assert_allclose(pose, start + way * [np.cos(0.7), np.sin(0.7), 0.0], atol=ROUNDING)
+    np.testing.assert_allclose(rates[~rests, :1], speed[~rests], atol=ROUNDING)
+    np.testing.assert_allclose(pushes[~rests, :1], push[~rests], atol=ROUNDING)
+    for still in (v[waits], a[waits], rates[rests], pushes[rests], rates[:, 1]):
+        assert not still.any()

@@ -10,18 +10,24 @@ import pytest
 
 from tests.checks import central_differences
 from tests.planning.driving import base, rolling_map
-from tests.problems import FOOTPRINT, GRAVITY, Scene, Tree
+from tests.planning.programs import (
+    CURVATURE,
+    DERIVATIVE,
+    REFERENCE,
+    ROUNDING,
+    N,
+    anywhere,
+    closed,
+    lagrangian_gradient,
+    path_bounds,
+)
+from tests.problems import FOOTPRINT, Scene, Tree
 from zmp_sqp.planning.driving import DrivingTranscription
 from zmp_sqp.planning.driving_model import DrivingModel
 from zmp_sqp.planning.hold import CONSTANT, LINEAR, Hold, slope_ties
 from zmp_sqp.planning.model import wrench_curvature
-from zmp_sqp.planning.transcription import Boundary, PathBounds, Transcription
+from zmp_sqp.planning.transcription import Boundary, Transcription
 
-DERIVATIVE = 2e-7  # central differences with a step of 1e-6 on rows of order one
-CURVATURE = 1e-5  # differences of differences
-ROUNDING = 1e-12
-N = 4
-REFERENCE = 2.3  # [s]
 ROUGH = rolling_map(-10.0, 5.0, waves=((0.6, 9.0, 0.3, 0.5), (0.4, 7.0, 1.9, 2.0)), low=(-40, -40), high=(40, 40))
 SCENE = Scene("feller_buncher", FOOTPRINT, Tree(3000.0), roll=-0.2, pitch=0.15)
 
@@ -32,13 +38,7 @@ def make(*, moving: bool, hold: Hold, tied: bool = False, terrain: Any = SCENE.g
     given = base((0.5, -0.2, 0.3), (-2.0, 1.0, -0.5), start_velocity=v0[5:], goal_velocity=v1[5:], y_bounds=(-1.0, 1.5))
     start = np.array([0.1, -0.5, -2.0, 0.5, -1.5, 0.0, 0.3])
     goal = np.array([1.4, -0.2, -1.2, 1.0, 0.3, given.travel, -0.5])
-    support = machine.support
-    assert support is not None
-    bounds = PathBounds(
-        position_lower=np.full(7, -9.0), position_upper=np.full(7, 9.1), velocity=np.full(7, 0.8),
-        acceleration=np.linspace(1.0, 1.6, 7), wrench_rows=support.wrench_rows(0.05), weight=machine.mass * GRAVITY,
-        least_duration=1.0,
-    )  # fmt: skip
+    bounds = path_bounds(machine, 7, lower=-9.0, upper=9.1)
     ties = slope_ties(rng.normal(0.0, 1.0, (N, 7))) if tied else None
     ends = Boundary(start, v0), Boundary(goal, v1)
     model = DrivingModel(machine, terrain)
@@ -55,18 +55,6 @@ def make(*, moving: bool, hold: Hold, tied: bool = False, terrain: Any = SCENE.g
 )
 def nlp(request: pytest.FixtureRequest) -> DrivingTranscription:
     return make(moving=request.param[0], hold=request.param[1], terrain=request.param[2])
-
-
-def closed(nlp: DrivingTranscription, seed: int = 0) -> np.ndarray:
-    """Any accelerations, gaps closed; it need not arrive."""
-    controls = np.random.default_rng(seed).normal(0.0, 3.0, (N, nlp.hold.controls, nlp.n))
-    return nlp.pack(controls, 1.3 * REFERENCE**2)
-
-
-def anywhere(nlp: DrivingTranscription, seed: int = 0) -> np.ndarray:
-    x = closed(nlp, seed)
-    x[:-1] += np.random.default_rng(seed + 1).normal(0.0, 0.1, len(x) - 1)
-    return x
 
 
 def test_a_packed_point_has_no_gaps(nlp: DrivingTranscription) -> None:
@@ -130,7 +118,7 @@ def test_hessian_of_the_lagrangian_with_the_gaps_multipliers_that_follow(hold: H
     lin = nlp.linearize(x)
     z = rng.uniform(0.0, 1.0, len(lin.at.inequalities))
     third = nlp.inner.layout.wrench_rows // 3
-    z[2 * third : 3 * third] = 0.0  # middle control points: an approximation, by design
+    z[2 * third : 3 * third] = 0.0  # middle control points: rows of closed gaps alone
     y = rng.normal(0.0, 1.0, len(lin.at.equalities))
     eliminated = lin.basis.eliminated
     y[:eliminated] = 0.0
@@ -138,12 +126,8 @@ def test_hessian_of_the_lagrangian_with_the_gaps_multipliers_that_follow(hold: H
     price = y[-2:] + np.cumsum(pull[:0:-1], axis=0)[::-1]
     y[eliminated - 2 * N : eliminated] = -price.ravel()  # so that no position changes the Lagrangian
 
-    def gradient(at: np.ndarray) -> Any:
-        here = nlp.linearize(at)
-        return here.gradient + here.tie_gradient + here.A.T @ y + here.C.T @ z
-
     H = nlp.hessian(x, y[eliminated:], z, convex=False).toarray()
-    expected = central_differences(gradient, x)
+    expected = central_differences(lambda at: lagrangian_gradient(nlp, at, y, z), x)
     np.testing.assert_allclose(H, expected, atol=CURVATURE * max(1.0, float(np.abs(expected).max())))
 
 

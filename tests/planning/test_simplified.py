@@ -13,7 +13,8 @@ from tests.checks import central_differences
 from tests.planning.conftest import LEANING, TEST_2, UPRIGHT, lumped, pose
 from tests.problems import PAPER_GOAL, PAPER_START, paper_scene
 from zmp_sqp.planning import LumpedMass, simplified_coordinates
-from zmp_sqp.planning.model import ArmModel
+from zmp_sqp.planning.model import ArmModel, extra_curvature
+from zmp_sqp.planning.stacked_model import StackedModel
 
 EXACT = 1e-9  # [rad, m, per second] closed forms, limits and boundary conditions
 PRINTED = 1e-5  # [m] constants known to six digits
@@ -122,6 +123,17 @@ def test_rows_of_the_distance_bounds_have_the_slopes_of_differences() -> None:
         assert (rows.shape, slopes.shape) == ((1, 4), (1, 4, 7))
         differences = central_differences(lambda point: model.extra(*apart(point))[0][0], x)
         np.testing.assert_allclose(slopes[0], differences, atol=DERIVATIVE * np.abs(differences).max())
+
+
+def test_rows_of_the_distance_bounds_have_the_curvature_of_differences() -> None:
+    model, rng = stage_model(bounded=True), np.random.default_rng(4)
+    for x in states():
+        weights = rng.normal(0.0, 1.0, 4)
+        found = extra_curvature(model, *apart(x), weights[None])[0]
+        differences = central_differences(lambda p, w=weights: w @ model.extra(*apart(p))[1][0], x)
+        np.testing.assert_allclose(found, differences, atol=DERIVATIVE * max(1.0, np.abs(differences).max()))
+        several = extra_curvature(StackedModel((model, model)), *apart(x), weights[None])[0]
+        np.testing.assert_array_equal(several, found)  # an uncertain payload does not change the distance
 
 
 def test_without_bounds_on_the_distance_there_are_no_such_rows() -> None:

@@ -138,6 +138,30 @@ def test_bounds_that_let_the_joints_exceed_their_limits_are_no_success_and_say_w
     assert tightened.success, tightened.message
 
 
+def bounded_problem(seed: int) -> zs.Problem:
+    """Between two standing poses of the form (7), on a slope, under bounds on d, d', d'' alone."""
+    rng = np.random.default_rng([31, seed])
+    while True:
+        roll, pitch = rng.uniform(-0.36, 0.36, 2)
+        tree = Tree(rng.uniform(2500.0, 5500.0))
+        scene = Scene("feller_buncher", FOOTPRINT, tree, roll=roll, pitch=pitch, point_masses=True)
+        booms, slews = rng.uniform(-1.2, -0.2, 2), rng.uniform(-1.5, 1.5, 2)
+        limits = zs.DistanceLimits(*rng.uniform(0.3, 3.0, 2))
+        start, goal = (pose(s, b) for s, b in zip(slews, booms, strict=True))
+        try:
+            return scene.problem(start, goal, model="simplified", distance_limits=limits)
+        except zs.ProblemError:  # tips over at rest: draw again
+            continue
+
+
+@pytest.mark.parametrize("seed", [0, 1, 3, 11, 13, 16])  # the ZMP costs time, and the joints hold
+def test_bounds_on_the_distance_with_an_active_zmp_take_few_iterations(seed: int) -> None:
+    plan = zs.plan(bounded_problem(seed))
+    assert plan.status is zs.Status.OPTIMAL, plan.message
+    assert plan.duration > 1.02 * plan.lower_bound
+    assert plan.iterations <= 15
+
+
 @pytest.mark.parametrize(
     ("numbers", "words"),
     [((0.0, 1.0), "velocity"), ((1.0, -1.0), "acceleration"), ((1.0, np.nan), "acceleration"), ((1, 1, 3, 2), "lower")],

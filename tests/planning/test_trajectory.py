@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -129,7 +130,7 @@ def test_json_has_the_fields_of_a_joint_trajectory_message(tmp_path: Path, traje
     for time, position, velocity, point in zip(
         trajectory.times, trajectory.positions, trajectory.velocities, content["points"], strict=True
     ):
-        assert set(point) == {"positions", "velocities", "accelerations", "time_from_start"}
+        assert set(point) == {"positions", "velocities", "accelerations", "jerks", "time", "time_from_start"}
         stamp = point["time_from_start"]
         assert isinstance(stamp["sec"], int)
         assert 0 <= stamp["nanosec"] < 1_000_000_000
@@ -137,6 +138,82 @@ def test_json_has_the_fields_of_a_joint_trajectory_message(tmp_path: Path, traje
         assert point["positions"] == position.tolist()
         assert point["velocities"] == velocity.tolist()
         assert len(point["accelerations"]) == 5
+
+
+def test_json_gives_every_bit_back(tmp_path: Path, trajectory: zs.Trajectory) -> None:
+    trajectory.to_json(tmp_path / "motion.json")
+    assert same_bits(zs.Trajectory.from_json(tmp_path / "motion.json", MACHINE), trajectory)
+
+
+@pytest.mark.parametrize("seed", [29, 63])
+def test_json_gives_every_bit_of_a_plan_back(tmp_path: Path, seed: int) -> None:
+    plan = planned_random(seed)[1]
+    plan.trajectory.to_json(tmp_path / "motion.json")
+    assert same_bits(zs.Trajectory.from_json(str(tmp_path / "motion.json"), MACHINE), plan.trajectory)
+
+
+def changed_json(tmp_path: Path, change: Any) -> Path:
+    """A good file, its content changed in place."""
+    path = tmp_path / "motion.json"
+    random_trajectory(jerks=False).to_json(path)
+    content = json.loads(path.read_text())
+    change(content)
+    path.write_text(json.dumps(content))
+    return path
+
+
+def test_json_of_a_bare_joint_trajectory_with_joints_in_another_order_is_read(tmp_path: Path) -> None:
+    def change(content: dict[str, Any]) -> None:
+        content["header"] = {"frame_id": ""}
+        content["joint_names"].reverse()
+        for point in content["points"]:
+            del point["jerks"], point["time"]
+            point["effort"] = []
+            for field in ("positions", "velocities", "accelerations"):
+                point[field].reverse()
+
+    read, asked = zs.Trajectory.from_json(changed_json(tmp_path, change), MACHINE), random_trajectory(jerks=False)
+    np.testing.assert_allclose(read.times, asked.times, atol=1e-9)
+    np.testing.assert_array_equal(read.positions, asked.positions)
+    np.testing.assert_array_equal(read.accelerations, asked.accelerations)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda content: content.pop("points"), "list of points"),
+        (lambda content: content.update(points=[]), "at least 2 nodes"),
+        (lambda content: content.update(points=[1, 2]), "point 0 must be an object"),
+        (lambda content: content.update(joint_names="slew"), "joint_names must be a list"),
+        (lambda content: content["joint_names"].__setitem__(1, "bloom"), "joint_names are .*bloom"),
+        (lambda content: content["joint_names"].__setitem__(1, "slew"), "joint_names are slew, slew"),
+        (lambda content: content["points"][1].pop("velocities"), "point 1: velocities must"),
+        (lambda content: content["points"][2].update(positions=[1.0]), r"point 2: positions must have shape \(5,\)"),
+        (lambda content: content["points"][2].update(positions=["1"] * 5), "point 2: positions must be numbers"),
+        (lambda content: content["points"][1]["positions"].__setitem__(0, 10**400), "point 1: positions"),
+        (lambda content: content["points"][1]["positions"].__setitem__(0, float("nan")), "must be finite"),
+        (lambda content: content["points"][1].update(time=True), "point 1: time must be a number"),
+        (lambda content: content["points"][1].update(time=-1.0), "times must start at 0 and grow"),
+        (lambda content: content["points"][1].update(jerks=None), "point 1: jerks must"),
+        (lambda content: content["points"][2].update(base={}), "base must be an object at every point"),
+        (lambda content: [p.update(base={"x": 0.0}) for p in content["points"]], "point 0: base y must be a number"),
+        (lambda content: [p.pop("time") and p.pop("time_from_start") for p in content["points"]], "sec and nanosec"),
+        (lambda content: content["points"][3]["positions"].__setitem__(1, 9.0), "node .*, joint 'boom'"),
+    ],
+)
+def test_bad_json_is_refused_with_the_offender(tmp_path: Path, change: Any, message: str) -> None:
+    with pytest.raises(zs.ZmpSqpError, match=message):
+        zs.Trajectory.from_json(changed_json(tmp_path, change), MACHINE)
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "null", "\xff", "[" * 100_000, "1" * 5000])
+def test_what_is_no_json_object_is_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "motion.json"
+    path.write_bytes(text.encode("latin-1"))
+    with pytest.raises(zs.ZmpSqpError, match=r"motion\.json"):
+        zs.Trajectory.from_json(path, MACHINE)
+    with pytest.raises(zs.ZmpSqpError, match="cannot read"):
+        zs.Trajectory.from_json(tmp_path / "nothing.json", MACHINE)
 
 
 def edited(tmp_path: Path, edit: dict[tuple[int, str], str] | None = None, *, header: str | None = None) -> Path:

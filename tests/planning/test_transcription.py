@@ -8,18 +8,27 @@ from typing import Any
 import numpy as np
 import pytest
 
+import zmp_sqp as zs
 from tests.checks import Oracle, central_differences
-from tests.problems import FOOTPRINT, GRAVITY, Scene, Tree, slider
+from tests.planning.conftest import LEANING, lumped, pose
+from tests.planning.programs import (
+    CURVATURE,
+    DERIVATIVE,
+    REFERENCE,
+    ROUNDING,
+    N,
+    anywhere,
+    check_curvature_along_closed_gaps,
+    closed,
+    lagrangian_gradient,
+    path_bounds,
+)
+from tests.problems import FOOTPRINT, Scene, Tree, paper_scene, slider
+from zmp_sqp.planning import simplified_coordinates
 from zmp_sqp.planning.coordinates import Coordinates
 from zmp_sqp.planning.hold import CONSTANT, LINEAR, Hold
 from zmp_sqp.planning.model import ArmModel, wrench_curvature
-from zmp_sqp.planning.transcription import LEAST_NORMAL_FORCE, Boundary, PathBounds, Transcription
-
-DERIVATIVE = 2e-7  # central differences with a step of 1e-6 on rows of order one
-CURVATURE = 1e-5  # differences of differences
-ROUNDING = 1e-12
-N = 4
-REFERENCE = 2.3  # [s]
+from zmp_sqp.planning.transcription import LEAST_NORMAL_FORCE, Boundary, Transcription
 
 
 @dataclass(frozen=True)
@@ -28,41 +37,36 @@ class Case:
     nlp: Transcription
 
     def point(self, seed: int = 0) -> np.ndarray:
-        """Any accelerations, gaps closed; it need not arrive."""
-        rng = np.random.default_rng(seed)
-        controls = rng.normal(0.0, 3.0, (N, self.nlp.hold.controls, self.nlp.n))
-        return self.nlp.pack(controls, 1.3 * REFERENCE**2)
+        return closed(self.nlp, seed)
 
     def anywhere(self, seed: int = 0) -> np.ndarray:
-        """A point with open gaps."""
-        x = self.point(seed)
-        x[:-1] += np.random.default_rng(seed + 1).normal(0.0, 0.1, len(x) - 1)
-        return x
+        return anywhere(self.nlp, seed)
 
 
 def make(machine: str, *, moving: bool, hold: Hold) -> Case:
+    coordinates, distance = None, None
     if machine == "slider":
         scene, start, goal = slider().scene, np.array([-0.3]), np.array([0.3])
+    elif machine == "simplified":  # with bounds on the distance: the paper's way
+        scene, start, goal = paper_scene(), np.array([0.1, -0.5]), np.array([1.4, -0.9])
+        coordinates = simplified_coordinates(scene.load(), pose(*start))
+        distance = lumped(LEANING), zs.DistanceLimits(0.7, 1.3)
     else:
         scene = Scene("feller_buncher", FOOTPRINT, Tree(3000.0), roll=-0.2, pitch=0.15)
         start, goal = np.array([0.1, -0.5, -2.0, 0.5, -1.5]), np.array([1.4, -0.2, -1.2, 1.0, 0.3])
     loaded, n = scene.load(), len(start)
     rng = np.random.default_rng(7)
     v0, v1 = rng.uniform(-0.5, 0.5, (2, n)) * moving
-    support = loaded.support
-    assert support is not None
-    bounds = PathBounds(
-        position_lower=np.full(n, -2.9), position_upper=np.full(n, 3.1), velocity=np.full(n, 0.8),
-        acceleration=np.linspace(1.0, 1.6, n), wrench_rows=support.wrench_rows(0.05), weight=loaded.mass * GRAVITY,
-        least_duration=1.0,
-    )  # fmt: skip
-    model = ArmModel(loaded, scene.ground.gravity(), Coordinates.identity(n))
+    bounds = path_bounds(loaded, n, lower=-2.9, upper=3.1)
+    model = ArmModel(loaded, scene.ground.gravity(), coordinates or Coordinates.identity(n), distance)
     ends = Boundary(start, v0), Boundary(goal, v1)
     return Case(scene, Transcription(model, *ends, bounds, intervals=N, reference=REFERENCE, hold=hold))
 
 
 @pytest.fixture(
-    params=[(m, v, h) for m in ("feller_buncher", "slider") for v in (False, True) for h in (CONSTANT, LINEAR)],
+    params=[
+        (m, v, h) for m in ("feller_buncher", "slider", "simplified") for v in (False, True) for h in (CONSTANT, LINEAR)
+    ],
     ids=lambda p: f"{p[0]}-{'moving' if p[1] else 'rest'}-{'constant' if p[2] is CONSTANT else 'linear'}",
 )
 def case(request: pytest.FixtureRequest) -> Case:
@@ -127,7 +131,7 @@ def test_basis_spans_the_null_space_of_the_gaps_and_closes_them(case: Case) -> N
 
 
 def test_hessian_of_the_lagrangian(case: Case) -> None:
-    """Multipliers on everything but the middle control points, whose curvature is an approximation, by design."""
+    """Multipliers on everything but the middle control points, which are rows of closed gaps alone."""
     nlp, x, rng = case.nlp, case.point(3), np.random.default_rng(2)
     lin = nlp.linearize(x)
     z = rng.uniform(0.0, 1.0, len(lin.at.inequalities))
@@ -135,14 +139,14 @@ def test_hessian_of_the_lagrangian(case: Case) -> None:
     y = rng.normal(0.0, 1.0, len(lin.at.equalities))
     y[: lin.basis.eliminated] = 0.0
 
-    def gradient(at: np.ndarray) -> Any:
-        here = nlp.linearize(at)
-        return here.gradient + here.tie_gradient + here.A.T @ y + here.C.T @ z
-
     H = nlp.hessian(x, y[lin.basis.eliminated :], z, convex=False).toarray()
-    expected = central_differences(gradient, x)
+    expected = central_differences(lambda at: lagrangian_gradient(nlp, at, y, z), x)
     np.testing.assert_allclose(H, expected, atol=CURVATURE * max(1.0, float(np.abs(expected).max())))
     np.testing.assert_allclose(H, H.T, atol=ROUNDING * float(np.abs(H).max()))
+
+
+def test_hessian_along_closed_gaps_with_the_middle_control_points(case: Case) -> None:
+    check_curvature_along_closed_gaps(case.nlp)
 
 
 def test_convex_hessian_is_positive_semi_definite(case: Case) -> None:
@@ -196,13 +200,17 @@ def test_wrench_rows_are_the_distances_to_the_edges_times_the_normal_force(case:
     """(e . p - b + margin) f_z, over the weight and the reference's square, at both ends of every interval."""
     nlp, x = case.nlp, case.point(5)
     q, w, controls, S = nlp.unpack(x)
-    T, oracle = np.sqrt(S), Oracle(case.scene)
+    T, oracle, arm = np.sqrt(S), Oracle(case.scene), nlp.model.coordinates
     rows = nlp.evaluate(x).inequalities[: nlp.layout.wrench_rows].reshape(3, N, -1)
-    force = (LEAST_NORMAL_FORCE * x[-1] - rows[..., -1])[..., None]  # f_z S over the weight and the reference's square
+    edges = len(oracle.offsets)  # then the normal force, then rows of the distance
+    force = (LEAST_NORMAL_FORCE * x[-1] - rows[..., edges])[
+        ..., None
+    ]  # f_z S over the weight and the reference's square
     for rows_there, force_there, where, push in (
         (rows[0], force[0], slice(None, -1), controls[:, 0]),
         (rows[1], force[1], slice(1, None), controls[:, -1]),
     ):
-        over = oracle.offsets - oracle.zmp(q[where], w[where] / T, push / S) @ oracle.inward.T
+        joints = arm.joints(q[where]), arm.rates(w[where] / T), arm.rates(push / S)
+        over = oracle.offsets - oracle.zmp(*joints) @ oracle.inward.T
         assert (force_there > 0.0).all()
-        np.testing.assert_allclose(rows_there[:, :-1], (over + 0.05) * force_there, atol=1e-9)
+        np.testing.assert_allclose(rows_there[:, :edges], (over + 0.05) * force_there, atol=1e-9)

@@ -9,8 +9,9 @@ import numpy as np
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.planning.trajectory import Trajectory
+from zmp_sqp.planning.unicycle_motion import UnicycleMotion
 
-__all__ = ["BaseMotion", "asymmetric_profile", "combined_states"]
+__all__ = ["BaseMotion", "asymmetric_profile", "combined_states", "driven_trajectory"]
 
 INSIDE = 1e-9  # share of a piece by which its outermost samples stand inside, so that each has its own accelerations
 SAMPLES = 10  # per piece between two nodes of arm or base
@@ -125,3 +126,33 @@ def combined_states(arm: Trajectory, base: Trajectory | None) -> tuple[Array, Ar
     push = base(np.minimum(times, base.duration))[2][:, 0]
     push[times > base.duration] = 0.0
     return times, q, v, a, push
+
+
+def driven_trajectory(arm: Trajectory, base: Trajectory, start: Array) -> Trajectory:
+    """One trajectory of arm and base, exact: what can be certified, drawn and written like any other.
+
+    Args:
+        arm: The joints' motion.
+        base: The way along the heading, from zero on, one coordinate [m].
+        start: Pose x, y, yaw from which the base drives straight, shape (3,) [m, m, rad].
+
+    Returns:
+        Over the nodes of both; the one that ends first rests where it ended.
+    """
+    nodes = np.union1d(arm.times, base.times)
+    parts = []
+    for motion in (arm, base):
+        middles = 0.5 * (nodes[1:] + nodes[:-1])
+        k, _ = motion.place_in(middles)
+        q, v, a = motion.state_in(k, nodes[:-1] - motion.times[k])
+        resting = middles > motion.duration
+        q[resting], v[resting], a[resting] = motion.positions[-1], 0.0, 0.0
+        jerks = np.where(resting[:, None], 0.0, motion.jerks[k])
+        last = motion.velocities[-1:] if motion.duration == nodes[-1] else 0.0 * v[-1:]
+        parts.append((np.vstack([q, motion.positions[-1:]]), np.vstack([v, last]), a, jerks))
+    (q, v, a, jerks), (_, speed, push, change) = parts
+    still = np.zeros_like(push)
+    pushes = np.hstack([push, still]), np.hstack([change, still])
+    rates, yaw = np.hstack([speed, np.zeros_like(speed)]), np.full(len(nodes), start[2])
+    drive = UnicycleMotion.from_start(nodes, start, rates, yaw, pushes)
+    return Trajectory(arm.joint_names, nodes, q, v, a, jerks, drive)

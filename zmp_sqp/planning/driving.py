@@ -19,6 +19,7 @@ __all__ = ["DrivingTranscription"]
 
 ARRIVED = 1e-12  # [m] from the goal: Newton's steps lead no nearer
 ARRIVALS = 8  # steps at most; a plane takes one
+SIDEWAYS = 1e-3  # of a unit way: a miss across a heading that turns by less stays, rather than cost large changes
 PASSES = 20  # of Newton's method over all nodes at once; a plane takes one
 SETTLED = 1e-14  # relative, of positions
 PLANE = Slope()
@@ -108,16 +109,19 @@ class DrivingTranscription:
         change[:, way] = 0.0
         flat += change
         rates = self._course.rates_by_controls()
+        before = np.inf
         for _ in range(ARRIVALS):
             psi, w = self._course.of(inner.pack(flat.reshape(controls.shape), S))
             p = self._driven(psi, w)
             miss = np.append(base.goal[:2] - p[-1], wanted[1, way] - sums[1] @ flat[:, way])
-            if np.abs(miss).max() <= ARRIVED:
+            far = float(np.abs(miss).max())
+            if far <= ARRIVED or far > 0.5 * before:  # what is left lies sideways
                 break
+            before = far
             moves = runge_kutta_moves(self.terrain, p[:-1], psi, w)
             pushed = np.einsum("kas,skc->kac", moves.whole_slopes[:, :, 5:], rates)
             reach = _propagated(moves, np.zeros((2, pushed.shape[2])), pushed)[-1]
-            flat[:, way] += np.linalg.lstsq(np.vstack([reach, sums[1]]), miss, rcond=1e-6)[0]
+            flat[:, way] += np.linalg.lstsq(np.vstack([reach, sums[1]]), miss, rcond=SIDEWAYS)[0]
         return inner.unpack(inner.pack(flat.reshape(controls.shape), S))
 
     # --- the nonlinear program ----------------------------------------------------------------

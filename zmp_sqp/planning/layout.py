@@ -100,12 +100,17 @@ class Layout:
         return np.hstack([np.vstack([q[:-1], q[1:]]), np.vstack([w[:-1], w[1:]]), push, sigma])
 
     @cached_property
+    def middle_columns(self) -> Indices:
+        """Columns (q, w, controls, sigma) that each interval's middle touches, shape (N, (2 + c) n + 1)."""
+        q, w, controls = self._columns
+        return np.hstack([q[:-1], w[:-1], controls.reshape(self.N, -1), np.full((self.N, 1), self.size - 1)])
+
+    @cached_property
     def _inequality_pattern(self) -> tuple[Indices, Indices]:
         """Column indices and row pointers of the inequalities' CSR matrix."""
         q, w, controls = self._columns
         sigma = self.size - 1
-        middle = np.hstack([q[:-1], w[:-1], controls.reshape(self.N, -1), np.full((self.N, 1), sigma)])
-        rows = [np.repeat(self.end_columns, self.E, axis=0), np.repeat(middle, self.E, axis=0)]
+        rows = [np.repeat(touched, self.E, axis=0) for touched in (self.end_columns, self.middle_columns)]
         limited = [_stack(controls, sigma)] * 2
         rate = [_stack(w, sigma), *(_stack(w[:-1], controls[:, 0], sigma) for _ in self.hold.rate_points)]
         place = [q.reshape(-1, 1), *(_stack(q[at], w[at]) for at in self._point_nodes)]
@@ -211,13 +216,23 @@ class Layout:
         Z[self.free, np.arange(count * n + 1)] = 1.0
         return Z
 
-    def hessian(self, diagonal: Array, blocks: Array, ends: Indices) -> sp.csr_array:
-        """Sparse Hessian: a diagonal plus one dense block per interval end."""
-        columns = self.end_columns[ends]
-        width = columns.shape[1]
-        rows = np.repeat(columns, width, axis=1).ravel()
-        entries = sp.coo_array((blocks.ravel(), (rows, np.tile(columns, (1, width)).ravel())), (self.size, self.size))
-        return sp.csr_array(entries + sp.diags_array(diagonal))
+    def hessian(self, diagonal: Array, ends: tuple[Array, Indices], middles: tuple[Array, Indices]) -> sp.csr_array:
+        """Sparse Hessian: a diagonal, dense blocks at interval ends, and dense blocks of intervals.
+
+        Args:
+            diagonal: Shape (size,).
+            ends: Blocks by (q, w, alpha, sigma), shape (K, 3n + 1, 3n + 1), and which of the 2N ends they belong to.
+            middles: Blocks by (q, w, controls, sigma) of the start, and which of the N intervals they belong to.
+        """
+        entries, rows, columns = [diagonal], [np.arange(self.size)], [np.arange(self.size)]
+        for (blocks, which), touched in ((ends, self.end_columns), (middles, self.middle_columns)):
+            at = touched[which]
+            width = at.shape[1]
+            entries.append(blocks.ravel())
+            rows.append(np.repeat(at, width, axis=1).ravel())
+            columns.append(np.tile(at, (1, width)).ravel())
+        where = np.concatenate(rows), np.concatenate(columns)
+        return sp.csr_array(sp.coo_array((np.concatenate(entries), where), (self.size, self.size)))
 
     def _csr(self, data: Array, pattern: tuple[Indices, Indices], rows: int) -> sp.csr_array:
         return sp.csr_array((data, *pattern), shape=(rows, self.size))

@@ -26,8 +26,9 @@ def failure_message(problem: Problem, status: Status, checked: Certificate, obst
         return str(status)
     if np.isinf(checked.limit_excess):
         return f"{status} The last motion looked at ends beside its goal, or leaves the base's x or y bounds."
-    if checked.limit_excess > 1e-6:
-        return f"{status} The last motion looked at exceeds a joint limit by {checked.limit_excess:.3g}."
+    if not checked.limits_ok:
+        whose = "a joint limit" if problem.base is None else "a limit of a joint or of the base"
+        return f"{status} The last motion looked at exceeds {whose} by {checked.limit_excess:.3g}."
     if checked.margin >= problem.margin:
         return str(status)
     edge = problem.machine.support.edge_name(checked.edge)

@@ -13,7 +13,7 @@ from zmp_sqp.mechanics.wrench import ground_reaction, ground_reaction_derivative
 from zmp_sqp.planning.coordinates import Coordinates
 from zmp_sqp.planning.simplified import DistanceLimits, LumpedMass
 
-__all__ = ["ArmModel", "StageModel", "wrench_curvature"]
+__all__ = ["ArmModel", "StageModel", "extra_curvature", "wrench_curvature"]
 
 DIFFERENCE = 1e-6  # [rad, m] forward step on analytic derivatives; error of second order in it
 
@@ -92,6 +92,31 @@ class ArmModel:
         rows = np.hstack([values - bounds, -values - bounds]) / scale
         return rows, np.concatenate([slopes - by_S, -slopes - by_S], axis=1) / scale[:, None]
 
+    def extra_curvature(self, q: Array, w: Array, alpha: Array, S: float, weights: Array) -> Array:
+        r"""Second derivatives of `weights . extra` by (q, w, alpha, S), weights (K, R), shape (K, 3n + 1, 3n + 1).
+
+        .. math:: \nabla^2 (d_1 w): \; d_3 w, d_2; \quad
+                  \nabla^2 (d_1 \alpha + d_2 w^2): \; d_3 \alpha + d_4 w^2, 2 d_3 w, d_2, 2 d_2
+
+        with d_i the i-th derivative of d by the boom angle: entries by (q, q), (q, w), then (q, alpha), (w, w).
+        """
+        count, n = q.shape
+        H = np.zeros((count, 3 * n + 1, 3 * n + 1))
+        if self.distance is None:
+            return H
+        lumped, limits = self.distance
+        boom, rate, push = q[:, 1], w[:, 1], alpha[:, 1]
+        _, second, third = lumped.derivatives(boom)
+        fourth = -second  # d is a sine of the boom angle
+        of_rate, of_push = ((weights[:, :2] - weights[:, 2:]) / [limits.velocity, limits.acceleration]).T
+        by_boom, by_rate, by_push = 1, n + 1, 2 * n + 1
+        H[:, by_boom, by_boom] = of_rate * third * rate + of_push * (third * push + fourth * rate**2)
+        H[:, by_boom, by_rate] = H[:, by_rate, by_boom] = of_rate * second + 2.0 * of_push * third * rate
+        H[:, by_boom, by_push] = H[:, by_push, by_boom] = of_push * second
+        H[:, by_rate, by_rate] = 2.0 * of_push * second
+        H[:, -1, -1] = 0.25 * (weights[:, 0] + weights[:, 2]) / S**1.5  # of -sqrt(S)
+        return H
+
     def _joints(self, q: Array, w: Array, alpha: Array) -> tuple[Array, Array, Array]:
         return self.coordinates.joints(q), self.coordinates.rates(w), self.coordinates.rates(alpha)
 
@@ -124,6 +149,17 @@ class StageModel(Protocol):
 
     def extra(self, q: Array, w: Array, alpha: Array, S: float) -> tuple[Array, Array]:
         """Other rows, not positive where they hold, with slopes, (K, R) and (K, R, 3n + 1)."""
+
+
+def extra_curvature(model: StageModel, q: Array, w: Array, alpha: Array, S: float, weights: Array) -> Array:
+    """Second derivatives of `weights . extra` by (q, w, alpha, S), shape (K, 3n + 1, 3n + 1): those of the arm's model.
+
+    Other models have no such rows, or none that are curved. The rows know no payload: those of the first part count.
+    """
+    arm = model.parts[0]
+    if isinstance(arm, ArmModel):
+        return arm.extra_curvature(q, w, alpha, S, weights)
+    return np.zeros((len(q), 3 * q.shape[1] + 1, 3 * q.shape[1] + 1))
 
 
 def wrench_curvature(

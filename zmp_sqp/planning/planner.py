@@ -212,11 +212,14 @@ def plan(
 
 
 def _is_better(found: tuple[Program, SQPResult], best: tuple[Program, SQPResult]) -> bool:
-    """Feasible before not; then faster before slower, or less violated."""
+    """Feasible before not; then faster before slower, or a search that ended before one cut off, or less violated."""
     if found[1].status.is_feasible != best[1].status.is_feasible:
         return found[1].status.is_feasible
     if found[1].status.is_feasible:
         return found[0].unpack(found[1].x)[3] < best[0].unpack(best[1].x)[3] * (1.0 + SAME_DURATION)
+    cut_off = [result.status is SQPStatus.ITERATION_LIMIT for _, result in (found, best)]
+    if cut_off[0] != cut_off[1]:
+        return cut_off[1]
     outside = [result.at.violation / max(result.at.objective, EPSILON) for _, result in (found, best)]  # rows carry S
     return outside[0] < outside[1]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from zmp_sqp.arrays import Array, Indices, frozen_array
 from zmp_sqp.errors import TrajectoryError
 from zmp_sqp.mechanics.ground import Terrain
 from zmp_sqp.mechanics.machine import Machine
+from zmp_sqp.planning.trajectory_json import read_json, write_json
 from zmp_sqp.planning.unicycle_motion import BASE_COLUMNS, PLANE, UnicycleMotion
 
 __all__ = ["Trajectory"]
@@ -165,23 +165,30 @@ class Trajectory:
             writer.writerows([format(entry, ".17g") for entry in row] for row in table)
 
     def to_json(self, path: str | Path) -> None:
-        """The fields of ROS's trajectory_msgs/JointTrajectory: joint_names and points; a base adds to each point.
+        """The fields of ROS's trajectory_msgs/JointTrajectory: joint_names and points, and beside them what it lacks.
 
-        With a base, its point holds `base`: the columns of `to_csv` by name.
+        A point also has `jerks`, `time` to the last digit, and with a base `base`: the columns of `to_csv` by name.
         """
         accelerations = np.vstack([self.accelerations, self.end_accelerations[-1:]])
-        points = []
-        for time, *rows in zip(self.times, self.positions, self.velocities, accelerations, strict=True):
-            seconds, nanoseconds = divmod(round(float(time) * 1e9), 1_000_000_000)
-            names = ("positions", "velocities", "accelerations")
-            point: dict[str, Any] = {name: row.tolist() for name, row in zip(names, rows, strict=True)}
-            point["time_from_start"] = {"sec": seconds, "nanosec": nanoseconds}
-            points.append(point)
-        if self.base is not None:
-            for point, entries in zip(points, self.base.table().tolist(), strict=True):
-                point["base"] = dict(zip((name.removeprefix("base.") for name in BASE_COLUMNS), entries, strict=True))
-        text = json.dumps({"joint_names": list(self.joint_names), "points": points}, indent=1)
-        Path(path).write_text(text + "\n", encoding="utf-8")
+        rows = self.positions, self.velocities, accelerations, np.vstack([self.jerks, self.jerks[-1:]])
+        write_json(path, self.joint_names, self.times, rows, self.base)
+
+    @classmethod
+    def from_json(cls, path: str | Path, machine: Machine, ground: Terrain = PLANE) -> Trajectory:
+        """Trajectory from a file as `to_json` writes it; joints may come in any order, jerks may be left out (zero).
+
+        Args:
+            path: The file.
+            machine: Whose joints are looked for.
+            ground: What the base, if there is one, drives on; the same for all planes.
+
+        Raises:
+            ProblemError: The base leaves the map.
+            TrajectoryError: The file cannot be read, has other joints than the machine, lacks a field, or holds
+                something that is not a consistent motion.
+        """
+        times, (position, velocity, acceleration, jerk), base = read_json(path, machine.joint_names, ground)
+        return cls(machine.joint_names, times, position, velocity, acceleration[:-1], jerk[:-1], base)
 
     @classmethod
     def from_csv(cls, path: str | Path, machine: Machine, ground: Terrain = PLANE) -> Trajectory:

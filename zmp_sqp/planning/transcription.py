@@ -11,7 +11,7 @@ import scipy.sparse as sp
 from zmp_sqp.arrays import Array
 from zmp_sqp.planning.hold import CONSTANT, Hold
 from zmp_sqp.planning.layout import layout_of
-from zmp_sqp.planning.model import StageModel, wrench_curvature
+from zmp_sqp.planning.model import StageModel, extra_curvature, wrench_curvature
 from zmp_sqp.sqp.nlp import Basis, Evaluation, Linearization
 
 __all__ = ["Boundary", "PathBounds", "Transcription"]
@@ -105,6 +105,9 @@ class Transcription:
             self._free = self._free[:0]
         self._start_rate, self._goal_rate = (side.v * reference / self.rate_scale for side in (start, goal))
         self._stage_scale = np.concatenate([np.ones(self.n), self.rate_scale, self.control_scale, [S]])
+        scales = np.ones(self.n), self.rate_scale, np.tile(self.control_scale, hold.controls), [S]
+        self._middle_scale = np.concatenate(scales)
+        self._to_middle = self._from_start(np.eye(3 * self.n + 1), 0.5) * self._middle_scale
         self._sigma_min = (bounds.least_duration / reference) ** 2
         self._tie_weight = REGULARIZATION / (intervals * hold.controls * self.n)
         self.nonlinear_rows: npt.NDArray[np.bool_] = np.arange(self.layout.inequalities) < self.layout.wrench_rows
@@ -158,8 +161,7 @@ class Transcription:
         start, end, middle = (
             self._from_start(slopes[i * N : (i + 1) * N], s) for i, s in ((0, 0.0), (1, 1.0), (2, 0.5))
         )
-        scale = np.concatenate([np.ones(self.n), self.rate_scale, np.tile(self.control_scale, self.hold.controls)])
-        middles = (2.0 * middle - 0.5 * (start + end)) * np.append(scale, self.reference**2)
+        middles = (2.0 * middle - 0.5 * (start + end)) * self._middle_scale
         root_slope = 0.5 / np.sqrt(x[-1])
         C = layout.inequality_jacobian(
             slopes[: 2 * N] * self._stage_scale,
@@ -184,7 +186,10 @@ class Transcription:
         return lin, by_places
 
     def hessian(self, x: Array, y: Array, z: Array, *, convex: bool, places: Array | None = None) -> sp.csr_array:
-        """Hessian of the Lagrangian: the small weight on accelerations, the square roots, the wrench's curvature."""
+        """Hessian of the Lagrangian: small weight on accelerations, square roots, curvature of the wrench and `extra`.
+
+        Exact along closed gaps; with `convex`, a control point's curvature is that of the start.
+        """
         layout, sigma = self.layout, x[-1]
         diagonal = np.zeros(layout.size)
         diagonal[layout.controls] = self._tie_weight
@@ -193,21 +198,24 @@ class Transcription:
         diagonal[-1] = 0.25 * roots / sigma**1.5
         if convex:
             diagonal[-1] = max(diagonal[-1], 0.0)
-        weights = z[self.nonlinear_rows].reshape(3 * self.N, -1)
-        weights[: self.N] += weights[2 * self.N :]  # a control point's curvature is that of the start but for O(h)
-        weights = weights[: 2 * self.N, : len(self._rows)]  # the wrench's rows alone
-        active = np.flatnonzero(weights.max(axis=1) > 0.0)
+        weights = self._point_weights(z, convex=convex)
+        active = np.flatnonzero(weights.any(axis=1))
         if not len(active):
             return sp.csr_array(sp.diags_array(diagonal))
         states_q, states_w, alpha, S = self._states(x)
         at = states_q[active], states_w[active], alpha[active]
         where = None if places is None else places[active]
-        blocks = wrench_curvature(self.model, *at, S, weights[active] @ self._rows, where)
-        blocks *= self._stage_scale[:, None] * self._stage_scale
+        of_wrench, of_extra = np.split(weights[active], [len(self._rows)], axis=1)
+        blocks = wrench_curvature(self.model, *at, S, of_wrench @ self._rows, where)
+        blocks += extra_curvature(self.model, *at, S, of_extra / self.reference**2)
+        ends, middles = active[active < 2 * self.N], active[active >= 2 * self.N] - 2 * self.N
+        of_ends, of_middles = np.split(blocks, [len(ends)])
+        of_ends *= self._stage_scale[:, None] * self._stage_scale
+        of_middles = self._to_middle.T @ of_middles @ self._to_middle
         if convex:
-            values, vectors = np.linalg.eigh(blocks)
-            blocks = (vectors * np.maximum(values, 0.0)[:, None, :]) @ vectors.transpose(0, 2, 1)
-        return layout.hessian(diagonal, blocks, active)
+            values, vectors = np.linalg.eigh(of_ends)
+            of_ends = (vectors * np.maximum(values, 0.0)[:, None, :]) @ vectors.transpose(0, 2, 1)
+        return layout.hessian(diagonal, (of_ends, ends), (of_middles, middles))
 
     def optimality_gap(self, x: Array) -> float:
         """How far sigma stands above its proven lower bound, relative."""
@@ -223,6 +231,18 @@ class Transcription:
         middle_q, middle_w = q[:-1] + 0.5 * h * w[:-1] + h**2 * twice, w[:-1] + h * once
         alpha = np.vstack([np.einsum("c,kcn->kn", self.hold.shapes(s)[0], controls) for s in (0.0, 1.0, 0.5)])
         return np.vstack([q[:-1], q[1:], middle_q]), np.vstack([w[:-1], w[1:], middle_w]), alpha, S
+
+    def _point_weights(self, z: Array, *, convex: bool) -> Array:
+        """Weights of the rows' curvature at starts, ends and middles, shape (3N, E), from their multipliers.
+
+        A control point is 2 c(1/2) - (c(0) + c(1)) / 2: parts of opposite signs, which clipping one by one would keep
+        from cancelling. For that its curvature is taken as the start's, right but for O(h).
+        """
+        N = self.N
+        weights = z[self.nonlinear_rows].reshape(3 * N, -1)
+        starts, ends, controls = weights[:N], weights[N : 2 * N], weights[2 * N :]
+        share_start, share_end, share_middle = (1.0, 0.0, 0.0) if convex else (-0.5, -0.5, 2.0)
+        return np.vstack([starts + share_start * controls, ends + share_end * controls, share_middle * controls])
 
     def _from_start(self, slopes: Array, s: float) -> Array:
         """Derivatives by (q, w, alpha, S) at share s of the intervals, by (q, w, controls, S) at their starts."""

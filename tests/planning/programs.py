@@ -1,0 +1,76 @@
+"""What the tests of all transcriptions share: their grid and tolerances, bounds, points, the Lagrangian's gradient."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+import zmp_sqp as zs
+from tests.checks import central_differences
+from tests.problems import GRAVITY
+from zmp_sqp.planning.driving import DrivingTranscription
+from zmp_sqp.planning.transcription import PathBounds, Transcription
+
+__all__ = [
+    "CURVATURE",
+    "DERIVATIVE",
+    "REFERENCE",
+    "ROUNDING",
+    "N",
+    "Program",
+    "anywhere",
+    "check_curvature_along_closed_gaps",
+    "closed",
+    "lagrangian_gradient",
+    "path_bounds",
+]  # fmt: skip
+
+Program = Transcription | DrivingTranscription
+DERIVATIVE = 2e-7  # central differences with a step of 1e-6 on rows of order one
+CURVATURE = 1e-5  # differences of differences
+ROUNDING = 1e-12
+N = 4
+REFERENCE = 2.3  # [s]
+
+
+def path_bounds(machine: zs.Machine, n: int, *, lower: float, upper: float) -> PathBounds:
+    """Bounds of n coordinates that are within an order of magnitude of what the tests' points do."""
+    assert machine.support is not None
+    return PathBounds(
+        position_lower=np.full(n, lower), position_upper=np.full(n, upper), velocity=np.full(n, 0.8),
+        acceleration=np.linspace(1.0, 1.6, n), wrench_rows=machine.support.wrench_rows(0.05),
+        weight=machine.mass * GRAVITY, least_duration=1.0,
+    )  # fmt: skip
+
+
+def closed(nlp: Program, seed: int = 0) -> np.ndarray:
+    """Any accelerations, gaps closed; it need not arrive."""
+    controls = np.random.default_rng(seed).normal(0.0, 3.0, (N, nlp.hold.controls, nlp.n))
+    return nlp.pack(controls, 1.3 * REFERENCE**2)
+
+
+def anywhere(nlp: Program, seed: int = 0) -> np.ndarray:
+    """A point with open gaps."""
+    x = closed(nlp, seed)
+    x[:-1] += np.random.default_rng(seed + 1).normal(0.0, 0.1, len(x) - 1)
+    return x
+
+
+def lagrangian_gradient(nlp: Program, at: np.ndarray, y: np.ndarray, z: np.ndarray) -> Any:
+    """Of f + phi + y.c_E + z.c_I, with one multiplier for every equality."""
+    here = nlp.linearize(at)
+    return here.gradient + here.tie_gradient + here.A.T @ y + here.C.T @ z
+
+
+def check_curvature_along_closed_gaps(nlp: Program) -> None:
+    """Z'HZ against differences, with multipliers on all inequalities: what the SQP uses, middle control points too."""
+    x, rng = closed(nlp, 3), np.random.default_rng(2)
+    lin = nlp.linearize(x)
+    Z, y = lin.basis.Z, np.zeros(len(lin.at.equalities))
+    z = rng.uniform(0.0, 1.0, len(lin.at.inequalities))
+    found = Z.T @ nlp.hessian(x, y[lin.basis.eliminated :], z, convex=False) @ Z
+    expected = central_differences(
+        lambda move: Z.T @ lagrangian_gradient(nlp, x + Z @ move, y, z), np.zeros(Z.shape[1])
+    )
+    np.testing.assert_allclose(found, expected, atol=CURVATURE * max(1.0, float(np.abs(expected).max())))
