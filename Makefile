@@ -35,6 +35,7 @@ bench: venv  ## speed, robustness, comparison with IPOPT, printed as tables
 	$(BIN)/python -m benchmarks.speed
 	$(BIN)/python -m benchmarks.random_problems
 	$(BIN)/python -m benchmarks.driving_problems
+	$(BIN)/python -m benchmarks.terrain_drives
 	$(BIN)/python -m benchmarks.memory
 	$(BIN)/python -m benchmarks.peer_ipopt
 
