@@ -12,6 +12,7 @@ import pytest
 import zmp_sqp as zs
 from tests.problems import paper_scene
 from zmp_sqp.cli import main
+from zmp_sqp.scenario import SHIPPED, load_scenario
 
 TREE = ("--payload", "4000", "--payload-frame", "head", "--payload-com", "0", "0", "3.323", "--point-masses")
 START = np.array([0.0, -np.pi / 6, -2 * np.pi / 3, np.pi / 6, -np.pi / 2])
@@ -73,6 +74,23 @@ def test_a_motion_faster_than_its_joints_is_not_safe(
     result = checked(blind, "--limits", str(limits), code=1, capsys=capsys)
     assert not result["limits_ok"]
     assert result["limit_excess"] == pytest.approx(np.pi / 4 - 0.5, abs=1e-3)
+
+
+def test_a_drive_over_a_heightmap_is_checked_on_that_map(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plan = zs.plan(load_scenario("terrain").problem)
+    plan.trajectory.to_csv(tmp_path / "motion.csv")
+    machine, ground = paper_scene().load(), plan.problem.ground
+    ground_options = ("--heightmap", str(SHIPPED / "terrain.csv"), "--resolution", "1", "--origin", "-16", "-14")
+    expected = zs.certify(machine, zs.Trajectory.from_csv(tmp_path / "motion.csv", machine, ground), ground)
+    result = checked(tmp_path / "motion.csv", *ground_options, code=0 if expected.safe else 1, capsys=capsys)
+    assert result["margin"] == pytest.approx(expected.margin, abs=1e-9)
+    for options, message in (
+        (ground_options[:2], "--heightmap needs --resolution"),
+        ((*ground_options, "--roll", "3"), "leave out --roll and --pitch"),
+        ((), "give that as its ground"),
+    ):
+        assert main(["check", "feller_buncher", str(tmp_path / "motion.csv"), *TREE, *options]) == 2
+        assert message in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from zmp_sqp.errors import (
 )
 from zmp_sqp.mechanics import (
     Ground,
+    Heightmap,
     JointLimits,
     Machine,
     Payload,
@@ -61,6 +62,7 @@ __all__ = [
     "Diagnosis",
     "DistanceLimits",
     "Ground",
+    "Heightmap",
     "JointLimits",
     "Machine",
     "MachineError",

@@ -12,7 +12,7 @@ import numpy as np
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.errors import ContactLost, MachineError
-from zmp_sqp.mechanics import Machine, Payload, Slope, load_machine, shipped_machines
+from zmp_sqp.mechanics import Heightmap, Machine, Payload, Slope, load_machine, shipped_machines
 from zmp_sqp.mechanics.stability_measures import stability_measures
 from zmp_sqp.planning import Certificate, Trajectory, certify
 from zmp_sqp.report import key_table, versions
@@ -63,6 +63,11 @@ def add_check(commands: Any, exit_codes: str) -> None:
     command.add_argument("trajectory", type=Path, metavar="TRAJECTORY.csv", help="the motion")
     command.add_argument("--roll", type=float, default=0.0, metavar="DEG", help="of the slope; negative leans left")
     command.add_argument("--pitch", type=float, default=0.0, metavar="DEG", help="of the slope; positive is nose down")
+    command.add_argument("--heightmap", metavar="FILE", help="heights (CSV or NPY) over which the base drives instead")
+    command.add_argument("--resolution", type=float, metavar="M", help="[m] between the heightmap's samples")
+    command.add_argument(
+        "--origin", type=float, nargs=2, default=(0.0, 0.0), metavar=("X", "Y"), help="[m] of its first sample"
+    )
     command.add_argument("--margin", type=float, default=0.0, metavar="M", help="[m] to keep from every edge")
     command.add_argument("--limits", metavar="FILE", help="joint_limits.yaml (default: the one beside the URDF)")
     command.add_argument("--contact-links", nargs="+", metavar="LINK", help="links that stand on the ground")
@@ -80,8 +85,8 @@ def run_check(arguments: argparse.Namespace) -> int:
     from rich.console import Console
 
     machine = _machine(arguments)
-    ground = Slope(roll=np.deg2rad(arguments.roll), pitch=np.deg2rad(arguments.pitch))
-    trajectory = Trajectory.from_csv(arguments.trajectory, machine)
+    ground = _ground(arguments)
+    trajectory = Trajectory.from_csv(arguments.trajectory, machine, ground)
     found = certify(machine, trajectory, ground, arguments.margin)
     result = _result(machine, trajectory, ground, found)
 
@@ -98,6 +103,14 @@ def run_check(arguments: argparse.Namespace) -> int:
     return 0 if found.safe else 1
 
 
+def _ground(arguments: argparse.Namespace) -> Slope | Heightmap:
+    if arguments.heightmap is None:
+        return Slope(roll=np.deg2rad(arguments.roll), pitch=np.deg2rad(arguments.pitch))
+    if arguments.roll or arguments.pitch or arguments.resolution is None:
+        raise MachineError("--heightmap needs --resolution, and has slopes of its own: leave out --roll and --pitch")
+    return Heightmap.from_file(arguments.heightmap, arguments.resolution, tuple(arguments.origin))
+
+
 def _machine(arguments: argparse.Namespace) -> Machine:
     machine = load_machine(arguments.urdf, support=arguments.contact_links, limits=arguments.limits)
     given = [getattr(arguments, key) is not None for key in ("payload", "payload_frame", "payload_com")]
@@ -109,7 +122,7 @@ def _machine(arguments: argparse.Namespace) -> Machine:
     return machine.with_point_masses() if arguments.point_masses else machine
 
 
-def _result(machine: Machine, trajectory: Trajectory, ground: Slope, found: Certificate) -> dict[str, Any]:
+def _result(machine: Machine, trajectory: Trajectory, ground: Slope | Heightmap, found: Certificate) -> dict[str, Any]:
     support = machine.support
     return {
         "safe": found.safe,
@@ -127,7 +140,7 @@ def _result(machine: Machine, trajectory: Trajectory, ground: Slope, found: Cert
     }
 
 
-def _measures(machine: Machine, trajectory: Trajectory, ground: Slope) -> dict[str, float | None]:
+def _measures(machine: Machine, trajectory: Trajectory, ground: Slope | Heightmap) -> dict[str, float | None]:
     """The worst of the other measures; null where the machine lifts off, or while its base drives."""
     names = {"load_transfer_ratio": max, "force_angle": min, "tip_over_energy": min}
     if trajectory.base is not None:

@@ -107,7 +107,7 @@ def _draw_moving_loci(motions: Motions, path: Path) -> None:
         points = moving_base_zmp(problem.machine, motions.arms[name], base, problem.ground)[1]
         loci[name] = list(points.reshape(-1, SAMPLES, 2))
     figure = new_figure(width=5.4, height=6.0)
-    draw_loci(figure, problem.machine.support, problem.ground, loci, window=WINDOW)
+    draw_loci(figure, problem.machine.support, problem.gravity_at("start"), loci, window=WINDOW)
     save(figure, path)
 
 

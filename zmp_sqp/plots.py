@@ -68,12 +68,12 @@ def plot_zmp(
         name: [_locus(problem, trajectory, times) for times in sample_times(trajectory)]
         for name, trajectory in trajectories.items()
     }
-    draw_loci(figure, support, problem.ground, loci, window=window, measured=measured)
+    draw_loci(figure, support, problem.gravity_at("start"), loci, window=window, measured=measured)
     save(figure, path)
 
 
 def draw_loci(
-    figure: Figure, support: SupportPolygon, ground: Ground, loci: Mapping[str, Sequence[Array]], *,
+    figure: Figure, support: SupportPolygon, gravity: Array, loci: Mapping[str, Sequence[Array]], *,
     window: float = 0.0, measured: str | None = None,
 ) -> None:  # fmt: skip
     """Draw support polygon, ZMP loci with their ends, and the way downhill; the legend stands above.
@@ -81,7 +81,7 @@ def draw_loci(
     Args:
         figure: An empty one.
         support: The polygon.
-        ground: For its slope.
+        gravity: In the root frame, which tells the way downhill, shape (3,) [m/s^2].
         loci: By planner; one array (K, 2) of ZMPs in the root frame for each piece without a jump [m].
         window: Both axes reach from -window to window, as the paper's do [m]; 0 fits them to what is drawn.
         measured: From a point of this planner's locus, d_u and d_l of eq. (21) are drawn; None draws none.
@@ -102,7 +102,7 @@ def draw_loci(
             axes.plot(*point, color=colours[name], marker=marker, markersize=7, markeredgecolor="black", zorder=3)
     for marker, label in (("o", "ZMP initial"), ("s", "ZMP final")):
         axes.plot([], [], "w", marker=marker, markersize=7, markeredgecolor="black", linestyle="none", label=label)
-    _draw_downhill(axes, ground)
+    _draw_downhill(axes, gravity)
     if measured is not None and measured in loci:
         _draw_room(axes, support, loci[measured][int(MEASURED_AT * len(loci[measured]))][0])
     if window:
@@ -200,9 +200,8 @@ def _paper_axes(points: Array) -> Array:
     return np.column_stack([-points[:, 1], points[:, 0]])
 
 
-def _draw_downhill(axes: Axes, ground: Ground) -> None:
+def _draw_downhill(axes: Axes, gravity: Array) -> None:
     """Arrow from the origin down the slope, as long as the slope is steep; none on level ground."""
-    gravity = ground.gravity()
     down = gravity[:2] / np.linalg.norm(gravity)
     if np.linalg.norm(down) > LEVEL:
         [tip] = _paper_axes(2.0 * down[None])

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from zmp_sqp.arrays import Array
-from zmp_sqp.mechanics import Ground, SupportPolygon
+from zmp_sqp.mechanics import Ground, SupportPolygon, Terrain
 from zmp_sqp.planning import UnicycleBase, UnicycleMotion
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def draw_plan_view(
         motion: The base's.
         support: The footprint, in the base's own axes.
         base: Gives x and y bounds; None draws none.
-        ground: For its slope; None draws no arrow.
+        ground: For its slope; None draws no arrow, nor does ground that leans differently from place to place.
     """
     times = np.linspace(0.0, float(motion.times[-1]), 400)
     pose, velocity, _ = motion(times)
@@ -86,7 +86,7 @@ def draw_plan_view(
             for bound in bounds:
                 if np.isfinite(bound):
                     line(bound, color="black", linestyle="--", linewidth=1.0)
-    if ground is not None:
+    if ground is not None and (not isinstance(ground, Terrain) or ground.uniform):
         _draw_downhill(axes, ground)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("x on the ground [m]")

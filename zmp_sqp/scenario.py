@@ -15,7 +15,7 @@ import numpy as np
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.errors import ScenarioError, ZmpSqpError
-from zmp_sqp.mechanics import Machine, Payload, Slope, SupportPolygon, load_machine, shipped_machines
+from zmp_sqp.mechanics import Heightmap, Machine, Payload, Slope, SupportPolygon, load_machine, shipped_machines
 from zmp_sqp.planning import Problem, UnicycleBase
 
 __all__ = ["Scenario", "load_scenario", "shipped_scenarios", "sliding_joints"]
@@ -107,8 +107,7 @@ def _read_problem(content: Mapping[str, Any], folder: Path) -> Problem:
             )
         machine = _read_machine(content["machine"], folder)
     with _blame("ground"):
-        angles = {key.removesuffix("_deg"): np.deg2rad(angle) for key, angle in content.get("ground", {}).items()}
-        ground = Slope(**angles)
+        ground = _read_ground(content.get("ground", {}), folder)
     motion: dict[str, Any] = {key: _read_joints(content["motion"], key, machine) for key in MOTIONS}
     settings = {key: value for key, value in content.get("plan", {}).items() if key != "qp_solver"}
     if "slope_uncertainty_deg" in settings:
@@ -118,6 +117,13 @@ def _read_problem(content: Mapping[str, Any], folder: Path) -> Problem:
     return Problem(
         machine, ground=ground, base=base, **motion, **settings
     )  # its complaints name the quantity themselves
+
+
+def _read_ground(table: Mapping[str, Any], folder: Path) -> Slope | Heightmap:
+    if "heightmap" not in table:
+        return Slope(**{key.removesuffix("_deg"): np.deg2rad(angle) for key, angle in table.items()})
+    options = dict(table["heightmap"])
+    return Heightmap.from_file(folder / options.pop("file"), **options)
 
 
 def _read_machine(table: Mapping[str, Any], folder: Path) -> Machine:
@@ -227,14 +233,18 @@ MACHINE = _Schema(
     one_of=(("name", "urdf"),),
     at_most_one_of=(("support", "contact_links"),),
 )
-GROUND = _Schema({"roll_deg": NUMBER, "pitch_deg": NUMBER})
+PAIR = _Value("2 finite numbers", lambda value: _is_list(value, _is_number, 2))
+HEIGHTMAP = _Schema({"file": TEXT, "resolution": NUMBER, "origin": PAIR}, required=("file", "resolution"))
+GROUND = _Schema(
+    {"roll_deg": NUMBER, "pitch_deg": NUMBER, "heightmap": HEIGHTMAP},
+    at_most_one_of=(("roll_deg", "heightmap"), ("pitch_deg", "heightmap")),
+)
 MOTION = _Schema(
     {f"{key}{unit}": NUMBERS for key in MOTIONS for unit in ("", "_deg")},
     one_of=(("start", "start_deg"), ("goal", "goal_deg")),
     at_most_one_of=(("start_velocity", "start_velocity_deg"), ("goal_velocity", "goal_velocity_deg")),
 )
 POSE = _Value("3 finite numbers [x, y, yaw], in metres and radians", POINT.accepts)
-PAIR = _Value("2 finite numbers", lambda value: _is_list(value, _is_number, 2))
 BASE_LIMITS = ("max_speed", "max_acceleration", "max_yaw_rate", "max_yaw_acceleration")
 BASE = _Schema(
     {"start": POSE, "goal": POSE}

@@ -1,4 +1,4 @@
-"""Machines that the mechanics tests share."""
+"""Machines and terrain that the mechanics tests share."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from zmp_sqp.mechanics.heightmap import Heightmap
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.payload import Payload
 from zmp_sqp.mechanics.urdf import load_machine
@@ -70,3 +71,25 @@ def random_motion(machine: Machine, count: int, seed: int) -> tuple[np.ndarray, 
     random = np.random.default_rng(seed)
     size = (count, machine.size)
     return random.uniform(-2.5, 2.5, size), random.uniform(-0.8, 0.8, size), random.uniform(-1.6, 1.6, size)
+
+
+# --- terrain -----------------------------------------------------------------------------------
+
+RESOLUTION = 0.5  # [m]
+MAP_X, MAP_Y = -3.0 + RESOLUTION * np.arange(60), 1.0 + RESOLUTION * np.arange(50)  # [m]
+MAP_ORIGIN = (float(MAP_X[0]), float(MAP_Y[0]))
+
+
+@pytest.fixture(scope="session")
+def rolling() -> Heightmap:
+    """A side slope with waves of about 16 by 21 m."""
+    x, y = MAP_X[None, :], MAP_Y[:, None]
+    return Heightmap(0.3 * np.sin(0.4 * x) * np.cos(0.3 * y) + 0.15 * x - 0.3 * y, RESOLUTION, MAP_ORIGIN)
+
+
+def random_drive(count: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Poses on the map, rates and accelerations of a tracked base, shape (count, 3), (count, 2), (count, 2)."""
+    random = np.random.default_rng(seed)
+    low, high = [MAP_X[0] + 2.0, MAP_Y[0] + 2.0, -4.0], [MAP_X[-1] - 2.0, MAP_Y[-1] - 2.0, 4.0]
+    pose = random.uniform(low, high, (count, 3))
+    return pose, random.uniform(-3.0, 3.0, (count, 2)), random.uniform(-2.0, 2.0, (count, 2))

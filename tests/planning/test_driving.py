@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from tests.checks import joint_limit_excess
 from tests.planning.driving import base, paper_2_joint, retreat, retreat_problem, zmp_from_poses
 from tests.problems import PAPER_GOAL, PAPER_START, paper_scene
 from zmp_sqp.mechanics.motion_bounds import wrench_curvature_bound
+from zmp_sqp.mechanics.root_bounds import root_bounds
 from zmp_sqp.mechanics.wrench import ground_reaction
 from zmp_sqp.planning.root_motion import root_motion
 from zmp_sqp.scenario import SHIPPED, load_scenario
@@ -81,6 +83,15 @@ def test_boundaries_in_motion() -> None:
     check(plan)
     _, velocity, _ = plan.trajectory.base(np.array([0.0, plan.duration]))
     np.testing.assert_allclose(velocity, [[0.8, 0.1], [0.5, -0.1]], atol=1e-9)
+
+
+def test_a_retreat_that_begins_and_ends_in_motion_keeps_the_limits_of_its_base() -> None:
+    """Arriving to the last digit once cost 1e-6 of the acceleration limit, and with it the proof."""
+    problem = retreat_problem(paper_scene(point_masses=False))
+    moving = replace(problem.base, start_velocity=(0.8, 0.0), goal_velocity=(0.0, 0.0))
+    plan = zs.plan(replace(problem, base=moving))
+    check(plan)
+    assert plan.duration == pytest.approx(4.504, abs=1e-3)
 
 
 def test_the_bounds_of_a_corridor_hold_at_the_nodes() -> None:
@@ -182,7 +193,7 @@ def test_the_bound_on_the_wrenchs_curvature_holds_for_a_base_that_drives_and_tur
         change = (wrenches[2] - 2.0 * wrenches[1] + wrenches[0]) / h**2
         peaks = np.abs(np.stack([speeds, pushes, jerks])).transpose(2, 0, 1)
         bound = wrench_curvature_bound(
-            machine, np.abs(v), np.abs(a), np.abs(j), reach=np.abs(q), gravity=9.81, base=peaks
+            machine, np.abs(v), np.abs(a), np.abs(j), reach=np.abs(q), gravity=9.81, base=root_bounds(peaks)
         )
         assert np.linalg.norm(change[:3]) <= 1.01 * bound.force[0]
         assert np.linalg.norm(change[3:]) <= 1.01 * bound.moment[0]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.checks import central_differences
-from tests.planning.driving import base
+from tests.planning.driving import base, rolling_map
 from tests.planning.programs import (
     CURVATURE,
     DERIVATIVE,
@@ -28,10 +28,11 @@ from zmp_sqp.planning.hold import CONSTANT, LINEAR, Hold, slope_ties
 from zmp_sqp.planning.model import wrench_curvature
 from zmp_sqp.planning.transcription import Boundary, Transcription
 
+ROUGH = rolling_map(-10.0, 5.0, waves=((0.6, 9.0, 0.3, 0.5), (0.4, 7.0, 1.9, 2.0)), low=(-40, -40), high=(40, 40))
 SCENE = Scene("feller_buncher", FOOTPRINT, Tree(3000.0), roll=-0.2, pitch=0.15)
 
 
-def make(*, moving: bool, hold: Hold, tied: bool = False) -> DrivingTranscription:
+def make(*, moving: bool, hold: Hold, tied: bool = False, terrain: Any = SCENE.ground) -> DrivingTranscription:
     machine, rng = SCENE.load(), np.random.default_rng(7)
     v0, v1 = rng.uniform(-0.4, 0.4, (2, 7)) * moving
     given = base((0.5, -0.2, 0.3), (-2.0, 1.0, -0.5), start_velocity=v0[5:], goal_velocity=v1[5:], y_bounds=(-1.0, 1.5))
@@ -40,18 +41,20 @@ def make(*, moving: bool, hold: Hold, tied: bool = False) -> DrivingTranscriptio
     bounds = path_bounds(machine, 7, lower=-9.0, upper=9.1)
     ties = slope_ties(rng.normal(0.0, 1.0, (N, 7))) if tied else None
     ends = Boundary(start, v0), Boundary(goal, v1)
-    model = DrivingModel(machine, SCENE.ground.gravity())
+    model = DrivingModel(machine, terrain)
     return DrivingTranscription(
-        Transcription(model, *ends, bounds, intervals=N, reference=REFERENCE, hold=hold, ties=ties), given
+        Transcription(model, *ends, bounds, intervals=N, reference=REFERENCE, hold=hold, ties=ties), given, terrain
     )
 
 
 @pytest.fixture(
-    params=[(v, h) for v in (False, True) for h in (CONSTANT, LINEAR)],
-    ids=lambda p: f"{'moving' if p[0] else 'rest'}-{'constant' if p[1] is CONSTANT else 'linear'}",
+    params=[(v, h, t) for v in (False, True) for h in (CONSTANT, LINEAR) for t in (SCENE.ground, ROUGH)],
+    ids=lambda p: "-".join(
+        ("moving" if p[0] else "rest", "constant" if p[1] is CONSTANT else "linear", type(p[2]).__name__.lower())
+    ),
 )
 def nlp(request: pytest.FixtureRequest) -> DrivingTranscription:
-    return make(moving=request.param[0], hold=request.param[1])
+    return make(moving=request.param[0], hold=request.param[1], terrain=request.param[2])
 
 
 def test_a_packed_point_has_no_gaps(nlp: DrivingTranscription) -> None:
@@ -83,7 +86,7 @@ def test_linearize_and_evaluate_agree(nlp: DrivingTranscription) -> None:
 @pytest.mark.parametrize("tied", [False, True])
 def test_basis_spans_the_null_space_of_the_gaps_and_closes_them(nlp: DrivingTranscription, tied: bool) -> None:
     if tied:
-        nlp = make(moving=True, hold=LINEAR, tied=True)
+        nlp = make(moving=True, hold=LINEAR, tied=True, terrain=nlp.terrain)
     lin = nlp.linearize(anywhere(nlp))
     basis = lin.basis
     gaps = lin.A[: basis.eliminated]
@@ -107,16 +110,23 @@ def test_arriving_meets_the_goal_to_rounding(nlp: DrivingTranscription) -> None:
     np.testing.assert_allclose(equalities, 0.0, atol=1e-9)
 
 
-def test_hessian_of_the_lagrangian_but_for_the_positions_gaps(nlp: DrivingTranscription) -> None:
+@pytest.mark.parametrize("hold", [CONSTANT, LINEAR])
+@pytest.mark.parametrize("moving", [False, True])
+def test_hessian_of_the_lagrangian_with_the_gaps_multipliers_that_follow(hold: Hold, moving: bool) -> None:
+    nlp = make(moving=moving, hold=hold)
     x, rng = closed(nlp, 3), np.random.default_rng(2)
     lin = nlp.linearize(x)
     z = rng.uniform(0.0, 1.0, len(lin.at.inequalities))
     third = nlp.inner.layout.wrench_rows // 3
     z[2 * third : 3 * third] = 0.0  # middle control points: rows of closed gaps alone
     y = rng.normal(0.0, 1.0, len(lin.at.equalities))
-    y[: lin.basis.eliminated] = 0.0
+    eliminated = lin.basis.eliminated
+    y[:eliminated] = 0.0
+    pull = (lin.C.T @ (z * ~nlp.nonlinear_rows))[nlp.positions].reshape(-1, 2)  # of the bounds on y, at the nodes
+    price = y[-2:] + np.cumsum(pull[:0:-1], axis=0)[::-1]
+    y[eliminated - 2 * N : eliminated] = -price.ravel()  # so that no position changes the Lagrangian
 
-    H = nlp.hessian(x, y[lin.basis.eliminated :], z, convex=False).toarray()
+    H = nlp.hessian(x, y[eliminated:], z, convex=False).toarray()
     expected = central_differences(lambda at: lagrangian_gradient(nlp, at, y, z), x)
     np.testing.assert_allclose(H, expected, atol=CURVATURE * max(1.0, float(np.abs(expected).max())))
 
@@ -130,10 +140,12 @@ def test_wrench_slopes_and_curvature() -> None:
         return 1e-5 * model.wrench(p[None, :7], p[None, 7:14], p[None, 14:21], p[21])[0]
 
     def slopes(p: np.ndarray) -> Any:
-        return weights[0] @ model.wrench_derivatives(p[None, :7], p[None, 7:14], p[None, 14:21], p[21])[1][0]
+        return weights[0] @ model.wrench_derivatives(p[None, :7], p[None, 7:14], p[None, 14:21], p[21])[1][0, :, :22]
 
     at = point[None, :7], point[None, 7:14], point[None, 14:21], S
     found = 1e-5 * model.wrench_derivatives(*at)[1][0]
+    np.testing.assert_array_equal(found[:, 22:], 0.0)  # by the place
+    found = found[:, :22]
     np.testing.assert_allclose(found, central_differences(wrench, point), atol=DERIVATIVE)
     H = wrench_curvature(model, *at, weights)[0]
     np.testing.assert_allclose(H, central_differences(slopes, point), atol=2.0 * CURVATURE)

@@ -1,6 +1,8 @@
 """From a URDF to the ground reaction wrench and the zero moment point, with derivatives. Knows no optimisation."""
 
-from zmp_sqp.mechanics.ground import GRAVITY, Ground, Slope
+from zmp_sqp.mechanics.ground import GRAVITY, Ground, Slope, Terrain
+from zmp_sqp.mechanics.ground_motion import GroundMotion, GroundRates
+from zmp_sqp.mechanics.heightmap import Heightmap
 from zmp_sqp.mechanics.limits import JointLimits
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.payload import Payload
@@ -13,12 +15,16 @@ from zmp_sqp.mechanics.zero_moment_point import stability_margin, zmp, zmp_of_wr
 __all__ = [
     "GRAVITY",
     "Ground",
+    "GroundMotion",
+    "GroundRates",
+    "Heightmap",
     "JointLimits",
     "Machine",
     "Payload",
     "Slope",
     "StabilityMeasures",
     "SupportPolygon",
+    "Terrain",
     "WrenchDerivatives",
     "ground_reaction",
     "ground_reaction_derivatives",

@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import comb
 
 import numpy as np
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.mechanics.machine import Machine
+from zmp_sqp.mechanics.norms import ORDERS, leibniz, turning
 
 __all__ = ["WrenchBound", "wrench_bounds", "wrench_curvature_bound", "wrench_size_bound"]
-
-ORDERS = 5  # positions up to the fourth derivative: the wrench holds the second one, and is differentiated twice
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,8 +55,7 @@ def wrench_curvature_bound(
         j: Largest |jerk|, shape (K, n); higher derivatives are zero.
         reach: Largest |coordinate|, shape (K, n); matters for sliding joints alone [m].
         gravity: Norm of gravity [m/s^2].
-        base: Largest |speed|, |acceleration| and |jerk| along the heading, and |yaw rate|, |yaw acceleration| and |yaw
-            jerk|, shape (2, 3, K), of a root that drives and turns in a plane; None stands still.
+        base: Bounds on the motion of the root, see `root_bounds`, shape (2, 4, K); None stands still.
     """
     return wrench_bounds(machine, v, a, j, reach=reach, gravity=gravity, base=base)[1]
 
@@ -84,13 +81,11 @@ def wrench_bounds(
     rates = np.zeros((ORDERS + 1, model.nv, count))  # [0] coordinate, [1] rate, ...
     for k, values in enumerate((reach, v, a, j)):
         rates[k, machine.index_v] = values.T
-    along, yaw = ([*part, zero] for part in (np.zeros((2, 3, count)) if base is None else base))
-    spin: list[list[Array]] = [yaw]  # |w^(k)|, k = 0..3, of the root: the same as of what it hangs on
+    drive, turn = (list(part) for part in (np.zeros((2, 4, count)) if base is None else base))
+    spin: list[list[Array]] = [turn]  # |w^(k)|, k = 0..3, of the root: the same as of what it hangs on
     place: list[list[Array]] = [[zero] * ORDERS]  # |(p - o)^(k)|, k = 0..4, of the joint origins
-    heading = _turning(yaw)
-    drive = [_leibniz(along, heading, k) for k in (1, 2, 3)]  # |o^(k)|, k = 2..4: o' is speed times heading
     orders = (0, 2) if base is None else (0, 1, 2)
-    unit: list[list[Array]] = [heading]  # |u^(k)| of a unit vector fixed in the body
+    unit: list[list[Array]] = [turning(turn)]  # |u^(k)| of a unit vector fixed in the body
     largest = [float(value) for value in np.linalg.eigvalsh([body.inertia for body in model.inertias])[:, -1]]
     force, moment = (dict.fromkeys(orders, zero) for _ in range(2))  # |f^(k)|, |tau^(k)| in axes that stand still
     for joint in range(1, model.njoints):
@@ -103,45 +98,29 @@ def wrench_bounds(
             q = rates[:, model.joints[joint].idx_v]
             slides = model.joints[joint].shortname().startswith(("JointModelP", "JointModelMimicP"))
             if slides:
-                extra = [_leibniz(turned, q, k) for k in range(ORDERS)]
+                extra = [leibniz(turned, q, k) for k in range(ORDERS)]
                 origin = [origin[k] + extra[k] for k in range(ORDERS)]
             else:
-                own = [spin[parent][k] + _leibniz(turned, q[1:], k) for k in range(ORDERS - 1)]
+                own = [spin[parent][k] + leibniz(turned, q[1:], k) for k in range(ORDERS - 1)]
         spin.append(own)
         place.append(origin)
         inertia = model.inertias[joint]
-        body = turned if own is spin[parent] else _turning(own)
+        body = turned if own is spin[parent] else turning(own)
         unit.append(body)
         lever = float(np.linalg.norm(inertia.lever))
         centre = [origin[k] + body[k] * lever for k in range(ORDERS)]
-        push = [centre[2] + drive[0] + gravity, centre[3] + drive[1], centre[4] + drive[2]]
+        push = [centre[2] + drive[1] + gravity, centre[3] + drive[2], centre[4] + drive[3]]
         for k in orders:
             force[k] = force[k] + inertia.mass * push[k]
-            moment[k] = moment[k] + inertia.mass * _leibniz(centre, push, k)
+            moment[k] = moment[k] + inertia.mass * leibniz(centre, push, k)
         if largest[joint] > 0.0:
             tensor = [np.full(count, largest[joint])]
             for k in range(3):
-                tensor.append(2.0 * _leibniz(own, tensor, k))
+                tensor.append(2.0 * leibniz(own, tensor, k))
             for k in orders:
-                moment[k] = moment[k] + _leibniz(tensor, own, k + 1)
+                moment[k] = moment[k] + leibniz(tensor, own, k + 1)
     if base is None:
         return WrenchBound(force[0], moment[0]), WrenchBound(force[2], moment[2])
-    once, none = 2.0 * yaw[0], yaw[1] + yaw[0] ** 2  # what turning root axes add
+    once, none = 2.0 * turn[0], turn[1] + turn[0] ** 2  # what turning root axes add
     second = (part[2] + once * part[1] + none * part[0] for part in (force, moment))
     return WrenchBound(force[0], moment[0]), WrenchBound(*second)
-
-
-def _turning(spin: list[Array]) -> list[Array]:
-    """Norms of the derivatives, 0 to 4, of a unit vector fixed in a body with |w^(k)| <= spin[k]."""
-    unit = [np.ones_like(spin[0])]
-    for k in range(ORDERS - 1):
-        unit.append(_leibniz(spin, unit, k))
-    return unit
-
-
-def _leibniz(first: list[Array] | Array, second: list[Array] | Array, k: int) -> Array:
-    """Bound on the k-th derivative of a product of two factors with bounded derivatives."""
-    total = first[0] * second[k]
-    for i in range(1, k + 1):
-        total = total + comb(k, i) * first[i] * second[k - i]
-    return np.asarray(total)

@@ -98,6 +98,11 @@ class SupportPolygon:
                 raise MachineError(f"{len(points)} contact points span no support polygon: they lie on one line")
             hull = hull[keep]
 
+    @property
+    def reach(self) -> float:
+        """Distance of the farthest corner from the root's vertical axis [m]."""
+        return float(np.linalg.norm(self.vertices, axis=1).max())
+
     def edge_name(self, index: int) -> str:
         """Name of an edge for people: 'front', 'left', 'rear', 'right' on rectangles, 'edge i' otherwise."""
         normals = self.normals

@@ -8,7 +8,7 @@ import numpy as np
 
 from zmp_sqp.arrays import Array, finite_number
 from zmp_sqp.errors import ContactLost, MachineError, ProblemError
-from zmp_sqp.mechanics.ground import Ground
+from zmp_sqp.mechanics.ground import Ground, Terrain
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.support import SupportPolygon
 from zmp_sqp.mechanics.wrench import ground_reaction
@@ -49,11 +49,13 @@ def base_acceleration_bound(
         (lower, upper) [m/s^2], root frame: lower <= 0 <= upper.
 
     Raises:
-        ProblemError: The arm's motion alone does not keep the margin, or its joints are not the machine's.
+        ProblemError: The arm's motion alone does not keep the margin, its joints are not the machine's, or the ground
+            is no plane.
         MachineError: No support polygon.
         ContactLost: The arm's motion alone makes the ground pull.
     """
     support = _support(machine, trajectory, margin)
+    _check_plane(ground)
     times, points = moving_base_zmp(machine, trajectory, None, ground)
     room = support.offsets - margin - points @ support.normals.T  # to every edge, (K, V) [m]
     row, edge = np.unravel_index(np.argmin(room), room.shape)
@@ -177,15 +179,23 @@ def moving_base_zmp(
         Times, shape (K,) [s], and ZMP in the root frame, shape (K, 2) [m].
 
     Raises:
+        ProblemError: The base moves over ground that is no plane.
         ContactLost: The ground would have to pull.
     """
     motion = base.trajectory if isinstance(base, BaseMotion) else base
+    if motion is not None:
+        _check_plane(ground)
     times, q, v, a, push = combined_states(trajectory, motion)
     root = np.zeros((len(times), 6))
     root[:, :3] = -ground.gravity()
     root[:, 0] += push
     height = 0.0 if machine.support is None else machine.support.height
     return times, zmp_of_wrench(ground_reaction(machine, q, v, a, root_acceleration=root), height)
+
+
+def _check_plane(ground: Ground) -> None:
+    if isinstance(ground, Terrain) and not ground.uniform:
+        raise ProblemError(f"eq. (21) is for a base that moves in a plane, not over a {type(ground).__name__}")
 
 
 def _support(machine: Machine, trajectory: Trajectory, margin: Any) -> SupportPolygon:

@@ -8,14 +8,16 @@ from typing import Any
 import numpy as np
 
 from zmp_sqp.arrays import Array, finite_number, frozen_array
-from zmp_sqp.errors import MachineError, ProblemError, TrajectoryError
-from zmp_sqp.mechanics.ground import Ground, Slope
+from zmp_sqp.errors import ProblemError
+from zmp_sqp.mechanics.ground import Ground
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.motion_bounds import WrenchBound, wrench_bounds, wrench_curvature_bound
 from zmp_sqp.mechanics.wrench import ground_reaction
 from zmp_sqp.planning.double_integrator import minimum_time
 from zmp_sqp.planning.limits_in_time import limit_excess
-from zmp_sqp.planning.root_motion import root_motion
+from zmp_sqp.planning.motion_checks import check_arguments, check_drift
+from zmp_sqp.planning.place_error import misplaced_root_bounds
+from zmp_sqp.planning.root_motion import check_tracks, followed, root_motion, root_motion_bounds
 from zmp_sqp.planning.trajectory import Trajectory
 from zmp_sqp.planning.unicycle import UnicycleBase
 from zmp_sqp.planning.unicycle_motion import base_excess
@@ -31,7 +33,6 @@ HEADROOM = 1.2  # by which more parts are made than a bound that falls with the 
 LOOSE = 2e-4  # [m] by which the guaranteed margin may fall short of the sampled one
 ROUNDING = 1e-9  # [m] taken off for floating point, on top of what is proven of inverse dynamics
 OPERATIONS = 100.0  # roundings that add up in a wrench: at most ten per joint and factor, and to spare
-DRIFT = 1e-6  # [rad/s or m/s, rad or m] that the nodes may add up to beside what the accelerations give
 EPSILON = float(np.finfo(float).eps)
 LIMIT_TOLERANCE = 1e-9  # largest excess over a limit of a motion that keeps them, as a share of it if it is below 1
 
@@ -64,6 +65,11 @@ class Certificate:
     required: float
     corner: str = ""
 
+    @classmethod
+    def of_nothing(cls, required: float) -> Certificate:
+        """What is guaranteed of a motion that cannot be looked at."""
+        return cls(-np.inf, 0.0, 0, -np.inf, limits_ok=False, limit_excess=np.inf, gap=0.0, required=required)
+
     @property
     def safe(self) -> bool:
         """Whether the asked margin and the joint limits hold at all times."""
@@ -92,17 +98,20 @@ def certify(
 
     Raises:
         MachineError: No machine, or no support polygon.
-        ProblemError: The trajectory has other joints, margin or gravity are not numbers, or the base moves on other
-            ground than a plane, or not at all although it has limits.
+        ProblemError: The trajectory has other joints, margin or gravity are not numbers, or the base moves on ground
+            that is no terrain, off its map, over ground that its tracks cannot follow, or not at all although it has
+            limits.
         TrajectoryError: No trajectory, or one whose nodes drift away from what its accelerations produce.
     """
-    _check(machine, trajectory, ground)
+    check_arguments(machine, trajectory, ground)
+    trajectory = followed(trajectory, ground)
+    if trajectory.base is not None:
+        check_tracks(trajectory.base, machine.support)  # type: ignore[arg-type]
+    check_drift(trajectory)
     required = finite_number(margin, name="margin", error=ProblemError)
     gravity = frozen_array(ground.gravity(), name="gravity", shape=(3,), error=ProblemError)
     excess, relative = limit_excess(machine, trajectory)
     kept = relative <= LIMIT_TOLERANCE
-    if trajectory.base is not None and not isinstance(ground, Slope):
-        raise ProblemError(f"a moving base is certified on a Slope, not on {type(ground).__name__}")
     if base is not None:
         if trajectory.base is None:
             raise ProblemError("the trajectory has no base motion to hold to the limits of `base`")
@@ -143,32 +152,6 @@ def certify(
     )  # fmt: skip
 
 
-def _check(machine: Machine, trajectory: Trajectory, ground: Ground) -> None:
-    if not isinstance(machine, Machine):
-        raise MachineError(f"machine must be a Machine (see load_machine), not {type(machine).__name__}")
-    if not isinstance(trajectory, Trajectory):
-        raise TrajectoryError(f"trajectory must be a Trajectory, not {type(trajectory).__name__}")
-    if not isinstance(ground, Ground):
-        raise ProblemError(f"ground must have a gravity(yaw) as Slope has, not {ground!r}")
-    if machine.support is None:
-        raise MachineError(f"machine {machine.name!r} has no support polygon: give support= to load_machine")
-    if trajectory.joint_names != machine.joint_names:
-        raise ProblemError(f"the trajectory moves {trajectory.joint_names}, the machine has {machine.joint_names}")
-    # a rate that creeps up by less than `Trajectory` notices, from each of many nodes to the next, is an acceleration
-    q, v, _ = trajectory.state_in(np.arange(trajectory.intervals), np.diff(trajectory.times))
-    followed = [("velocities", trajectory.velocities, v), ("positions", trajectory.positions, q)]
-    if (base := trajectory.base) is not None:
-        pose, velocity, _ = base.state_in(np.arange(trajectory.intervals), np.diff(base.times))
-        followed += [("base velocities", base.velocities, velocity), ("base poses", base.poses, pose)]
-    for name, values, reached in followed:
-        gaps = values[1:] - reached
-        with np.errstate(all="ignore"):
-            drift = float(np.ptp(np.vstack([np.zeros_like(gaps[:1]), np.cumsum(gaps, axis=0)]), axis=0).max())
-            allowed = DRIFT + OPERATIONS * EPSILON * float(np.abs(values).sum(axis=0).max())
-        if not drift <= allowed:
-            raise TrajectoryError(f"{name} drift by {drift:.3g} away from what the accelerations produce")
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class _Stretches:
     """Least margin at the ends of K stretches, when and at which edge, and what is guaranteed inside, (K,) each.
@@ -187,7 +170,8 @@ def _bounds_of_intervals(machine: Machine, trajectory: Trajectory, gravity: floa
     """Largest rounding errors of the wrenches in each of the N intervals and their second derivatives, (N,) each.
 
     Rounding is relative to the sum of the absolute values of all that adds up, within an interval from its start; a
-    rounded angle turns everything beyond its joint.
+    rounded angle turns everything beyond its joint. To it comes what a base feels that is not just where it is
+    computed to be.
     """
     count, h = trajectory.intervals, np.diff(trajectory.times)
     j, step = np.abs(trajectory.jerks), h[:, None]
@@ -196,7 +180,8 @@ def _bounds_of_intervals(machine: Machine, trajectory: Trajectory, gravity: floa
     q = np.abs(trajectory.positions[:-1]) + step * v
     base, turned = None, np.zeros(count)
     if trajectory.base is not None:
-        base = trajectory.base.peaks(np.arange(count), np.zeros(count), h)
+        height = machine.support.height  # type: ignore[union-attr]
+        base = root_motion_bounds(trajectory.base, np.arange(count), np.zeros(count), h, height=height)
         turned = np.abs(trajectory.base.poses[:-1, 2]) + h * base[1, 0]
     ends = trajectory.state_in(np.tile(np.arange(count), 2), np.concatenate([np.zeros(count), h]))
     peaks = _peaks(ends, j, step)
@@ -204,10 +189,13 @@ def _bounds_of_intervals(machine: Machine, trajectory: Trajectory, gravity: floa
     reach, v, a, j = (np.vstack(pair) for pair in zip((q, v, a, j), (*peaks, j), strict=True))
     size, curvature = wrench_bounds(machine, v, a, j, reach=reach, gravity=gravity, base=twice)
     share = OPERATIONS * EPSILON * (1.0 + q.sum(axis=1) + turned)
-    return (
-        WrenchBound(share * size.force[:count], share * size.moment[:count]),
-        WrenchBound(curvature.force[count:], curvature.moment[count:]),
-    )
+    force, moment = share * size.force[:count], share * size.moment[:count]
+    if base is not None and not trajectory.base.ground.uniform:  # type: ignore[union-attr]
+        parts = (part[:count] for part in (v, a, j))
+        moved = misplaced_root_bounds(trajectory.base, base, gravity=gravity, height=height)  # type: ignore[arg-type]
+        more, _ = wrench_bounds(machine, *parts, reach=q, gravity=gravity, base=moved)
+        force, moment = force + more.force - size.force[:count], moment + more.moment - size.moment[:count]
+    return WrenchBound(force, moment), WrenchBound(curvature.force[count:], curvature.moment[count:])
 
 
 def _peaks(ends: tuple[Array, ...], j: Array, delta: Array) -> tuple[Array, Array, Array]:
@@ -226,6 +214,7 @@ def _stretches(
 ) -> _Stretches:  # fmt: skip
     """Margins at the ends of the stretches and what holds inside; `whole`: curvature anywhere in the intervals."""
     support, h = machine.support, np.diff(trajectory.times)[interval]
+    height = support.height  # type: ignore[union-attr]
     count = len(interval)
     # every start, and those ends that are not the next stretch's start
     apart = np.abs(np.diff(share) - length[:-1]) > 4.0 * EPSILON
@@ -233,7 +222,7 @@ def _stretches(
     looked_at = np.concatenate([np.arange(count), ends])
     since = np.concatenate([share, (share + length)[ends]]) * h[looked_at]
     states = trajectory.state_in(interval[looked_at], since)
-    twist, root = root_motion(trajectory, gravity, interval[looked_at], since)
+    twist, root = root_motion(trajectory, gravity, interval[looked_at], since, height=height)
     wrench = ground_reaction(machine, *states, root_acceleration=root, root_velocity=twist)
     follower = np.arange(1, count + 1)
     follower[ends] = count + np.arange(len(ends))
@@ -249,7 +238,9 @@ def _stretches(
     if whole is None:
         j = np.abs(trajectory.jerks[interval])
         reach, most_v, most_a = _peaks((q, v, a), j, delta[:, None])
-        base = None if trajectory.base is None else trajectory.base.peaks(interval, share * h, delta)
+        base = None
+        if trajectory.base is not None:
+            base = root_motion_bounds(trajectory.base, interval, share * h, delta, height=height)
         g = float(np.linalg.norm(gravity))
         curvature = wrench_curvature_bound(machine, most_v, most_a, j, reach=reach, gravity=g, base=base)
     else:

@@ -9,7 +9,7 @@ import numpy as np
 
 from zmp_sqp.errors import ProblemError, ZmpSqpError
 from zmp_sqp.mechanics.ground import Slope
-from zmp_sqp.planning.answer import Plan
+from zmp_sqp.planning.answer import Plan, Status
 from zmp_sqp.planning.planner import plan
 from zmp_sqp.planning.problem import Problem
 from zmp_sqp.planning.statics import gentler, largest_share
@@ -29,7 +29,7 @@ class Diagnosis:
         largest_payload: Heaviest payload for which a motion was found [kg]; None if there is none, or no payload.
         steepest_slope: Tilt of the steepest slope in the same direction for which one was found [rad]; None likewise.
         time_outside: When the least-violating motion that was found is furthest out [s].
-        outside: By how much its ZMP leaves the polygon less the margin [m].
+        outside: By how much its ZMP leaves the polygon less the margin [m]; infinite where no motion was looked at.
         edge: Name of that edge.
     """
 
@@ -66,6 +66,8 @@ def diagnose(
     if found.success:
         raise ProblemError("the plan has succeeded: there is nothing to diagnose")
     problem, checked = found.problem, found.certificate
+    if found.status is Status.TERRAIN:  # it is the way that is wrong
+        return Diagnosis(found.message, None, None, checked.margin_at, np.inf, "")
 
     def works(changed: Callable[[], Problem], words: str) -> bool:
         progress(words)

@@ -17,6 +17,7 @@ from zmp_sqp.planning.simplified import LumpedMass
 from zmp_sqp.planning.stacked_model import StackedModel
 from zmp_sqp.planning.trajectory import Trajectory
 from zmp_sqp.planning.transcription import Boundary, PathBounds, Transcription
+from zmp_sqp.planning.unicycle import terrain_of
 from zmp_sqp.planning.unicycle_motion import UnicycleMotion
 
 __all__ = ["GUARD", "Program", "boundaries", "grid_bound", "path_bounds", "stage_model", "trajectory"]
@@ -24,7 +25,8 @@ __all__ = ["GUARD", "Program", "boundaries", "grid_bound", "path_bounds", "stage
 GUARD = 5e-5  # [m] kept inside the asked margin, so that a proof of the margin is cheap
 LIMIT_GUARD = 1e-8  # relative, likewise for the joint limits
 LEAST_TIME = 1e-9  # [s] of no account: ways so short that rounding shows may take this much longer
-STRETCHES = 4  # of a motion that misses a limit by rounding
+STRETCH = 1e-5  # relative, of the duration, for limits that arriving to the last digit exceeds
+STRETCHES = (1.0, 2.0, 4.0)  # tried in turn: boundary rates stay, so that in motion the way changes with the duration
 RATE_SLACK = 1e-10  # relative, above boundary rates that use up the guard
 UNBOUNDED = 1e4  # [rad or m] stands for a position limit that is infinite
 Program = Transcription | DrivingTranscription
@@ -39,7 +41,7 @@ def stage_model(problem: Problem) -> StageModel:
 def _stage_model(problem: Problem, corner: Corner) -> StageModel:
     machine, gravity = corner.machine, corner.ground.gravity()
     if problem.base is not None:
-        return DrivingModel(machine, gravity)
+        return DrivingModel(machine, terrain_of(corner.ground))
     if problem.distance_limits is None:
         return ArmModel(machine, gravity, problem.coordinates)
     lumped = LumpedMass.of(problem.machine, problem.coordinates)
@@ -54,7 +56,7 @@ def boundaries(problem: Problem) -> tuple[Boundary, Boundary]:
         q = coordinates.coordinates_of(getattr(problem, side))
         v = coordinates.rates_of(getattr(problem, f"{side}_velocity"))
         if base is not None:
-            way = 0.0 if side == "start" else base.travel
+            way = 0.0 if side == "start" else problem.base_way
             q, v = np.append(q, [way, getattr(base, side)[2]]), np.append(v, getattr(base, f"{side}_velocity"))
         sides.append(Boundary(q, v))
     return sides[0], sides[1]
@@ -111,12 +113,13 @@ def trajectory(problem: Problem, nlp: Program, x: Array) -> Trajectory:
         return q, w, u, float(np.sqrt(S))
 
     q, w, controls, duration = motion(x)
-    for _ in range(STRETCHES):  # rates at the ends stay, and arriving anew moves the others a little
+    for factor in STRETCHES:
         rates, pushes = np.abs(w) / limits.velocity, np.abs(controls) / limits.acceleration
         needed = max(float(rates.max()), float(np.sqrt(pushes.max())))  # the duration at which no limit is exceeded
-        if not duration < needed <= duration * (1.0 + 1e-7) + LEAST_TIME:
+        if not duration < needed <= duration * (1.0 + STRETCH) + LEAST_TIME:
             break
-        q, w, controls, duration = motion(np.append(x[:-1], (needed / nlp.reference) ** 2))
+        stretched = duration + factor * (needed - duration)
+        q, w, controls, duration = motion(np.append(x[:-1], (stretched / nlp.reference) ** 2))
     times = np.linspace(0.0, duration, problem.intervals + 1)
     start, end = (nlp.hold.shapes(s)[0] for s in (0.0, 1.0))
     ends = [np.einsum("c,kcn->kn", shape, controls) / duration**2 for shape in (start, end)]
@@ -124,5 +127,6 @@ def trajectory(problem: Problem, nlp: Program, x: Array) -> Trajectory:
     v, n = w / duration, problem.machine.size
     drive = None
     if base is not None:
-        drive = UnicycleMotion.from_start(times, base.start, v[:, n:], q[:, -1], (ends[0][:, n:], jerks[:, n:]))
+        of_base = ends[0][:, n:], jerks[:, n:]
+        drive = UnicycleMotion.from_start(times, base.start, v[:, n:], q[:, -1], of_base, problem.base_ground)
     return Trajectory(problem.machine.joint_names, times, q[:, :n], v[:, :n], ends[0][:, :n], jerks[:, :n], drive)

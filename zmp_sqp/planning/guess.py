@@ -35,9 +35,16 @@ def kinematic_lower_bound(
 
 
 def initial_guess(
-    model: StageModel, start: Boundary, goal: Boundary, bounds: PathBounds, *, intervals: int, least_duration: float,
+    model: StageModel,
+    start: Boundary,
+    goal: Boundary,
+    bounds: PathBounds,
+    *,
+    intervals: int,
+    least_duration: float,
     smooth: bool = False,
-) -> tuple[Array, float]:  # fmt: skip
+    route: Array | None = None,
+) -> tuple[Array, float]:
     """Accelerations T^2 a, shape (N, n), and duration T [s] of a motion from start to goal.
 
     From rest to rest it is the synchronised bang-coast-bang motion on the grid, at its least duration unless the ZMP
@@ -51,6 +58,7 @@ def initial_guess(
         intervals: N.
         least_duration: Proven lower bound on this grid [s].
         smooth: The cubic from rest to rest, too.
+        route: Places where a base begins and ends, shape (2, 2) [m]; None stands still.
     """
     at_rest = not (start.v.any() or goal.v.any() or smooth)
     duration = least_duration if at_rest else 1.05 * least_duration
@@ -63,7 +71,7 @@ def initial_guess(
             )  # fmt: skip
         else:
             alpha = _cubic(start, goal, duration, intervals)
-        if _worst(model, start, alpha, duration, bounds) <= FAR_OUT * size:
+        if _worst(model, start, alpha, duration, bounds, route) <= FAR_OUT * size:
             break
         duration *= SLOWER
     return alpha, duration
@@ -79,13 +87,18 @@ def _cubic(start: Boundary, goal: Boundary, duration: float, intervals: int) -> 
     return np.asarray(alpha + weights.T @ np.linalg.solve(weights @ weights.T, miss))
 
 
-def _worst(model: StageModel, start: Boundary, alpha: Array, duration: float, bounds: PathBounds) -> float:
+def _worst(
+    model: StageModel, start: Boundary, alpha: Array, duration: float, bounds: PathBounds, route: Array | None
+) -> float:
     """How far out the ZMP comes at the starts of the intervals [m]; infinite where the ground would have to pull."""
     N = len(alpha)
     w = start.v * duration + np.vstack([np.zeros((1, alpha.shape[1])), np.cumsum(alpha, axis=0) / N])
     moved = (w[:-1] + 0.5 * alpha / N) / N
     q = start.q + np.vstack([np.zeros((1, alpha.shape[1])), np.cumsum(moved, axis=0)])
-    wrench = model.wrench(q[:-1], w[:-1], alpha, duration**2).reshape(-1, 6)
+    places = None
+    if route is not None:  # straight on will do
+        places = route[0] + np.linspace(0.0, 1.0, N, endpoint=False)[:, None] * (route[1] - route[0])
+    wrench = model.wrench(q[:-1], w[:-1], alpha, duration**2, places).reshape(-1, 6)
     if wrench[:, 2].min() <= 0.0:
         return np.inf
     return float((wrench @ bounds.wrench_rows.T / wrench[:, 2:3]).max())

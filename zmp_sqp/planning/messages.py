@@ -11,8 +11,17 @@ from zmp_sqp.planning.problem import Problem
 __all__ = ["failure_message"]
 
 
-def failure_message(problem: Problem, status: Status, checked: Certificate) -> str:
-    """The status in a sentence; without success, which constraint stayed violated, when and by how much."""
+def failure_message(problem: Problem, status: Status, checked: Certificate, obstacle: str = "") -> str:
+    """The status in a sentence; without success, which constraint stayed violated, when and by how much.
+
+    Args:
+        problem: The question.
+        status: How planning ended.
+        checked: Of the last motion.
+        obstacle: What kept that motion from being looked at.
+    """
+    if obstacle:
+        return f"{status} The last motion looked at: {obstacle}."
     if status.success or problem.machine.support is None:
         return str(status)
     if np.isinf(checked.limit_excess):

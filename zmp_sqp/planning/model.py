@@ -46,11 +46,13 @@ class ArmModel:
         """Number n of coordinates."""
         return self.coordinates.size
 
-    def wrench(self, q: Array, w: Array, alpha: Array, S: float) -> Array:
-        """S times the ground reaction wrench, shape (K, 6) [N s^2, N m s^2]."""
+    def wrench(self, q: Array, w: Array, alpha: Array, S: float, places: Array | None = None) -> Array:
+        """S times the ground reaction wrench, shape (K, 6) [N s^2, N m s^2]; the base stands, so places are ignored."""
         return ground_reaction(self.machine, *self._joints(q, w, alpha), root_acceleration=self._root(S))
 
-    def wrench_derivatives(self, q: Array, w: Array, alpha: Array, S: float) -> tuple[Array, Array]:
+    def wrench_derivatives(
+        self, q: Array, w: Array, alpha: Array, S: float, places: Array | None = None
+    ) -> tuple[Array, Array]:
         """The same with its derivatives by (q, w, alpha, S), shapes (K, 6) and (K, 6, 3n + 1)."""
         joints, G = self._joints(q, w, alpha), self.coordinates.G
         found = ground_reaction_derivatives(self.machine, *joints, root_acceleration=self._root(S))
@@ -137,11 +139,13 @@ class StageModel(Protocol):
     def extra_rows(self) -> int:
         """Number of rows of `extra`."""
 
-    def wrench(self, q: Array, w: Array, alpha: Array, S: float) -> Array:
-        """S times the ground reaction wrench, shape (K, 6) [N s^2, N m s^2]."""
+    def wrench(self, q: Array, w: Array, alpha: Array, S: float, places: Array | None = None) -> Array:
+        """S times the ground reaction wrench, shape (K, 6) [N s^2, N m s^2]; a base that drives is at places (K, 2)."""
 
-    def wrench_derivatives(self, q: Array, w: Array, alpha: Array, S: float) -> tuple[Array, Array]:
-        """The same with its derivatives by (q, w, alpha, S), shapes (K, 6) and (K, 6, 3n + 1)."""
+    def wrench_derivatives(
+        self, q: Array, w: Array, alpha: Array, S: float, places: Array | None = None
+    ) -> tuple[Array, Array]:
+        """The same with its derivatives by (q, w, alpha, S, and places if there are), (K, 6) and (K, 6, 3n + 1 + m)."""
 
     def extra(self, q: Array, w: Array, alpha: Array, S: float) -> tuple[Array, Array]:
         """Other rows, not positive where they hold, with slopes, (K, R) and (K, R, 3n + 1)."""
@@ -158,7 +162,9 @@ def extra_curvature(model: StageModel, q: Array, w: Array, alpha: Array, S: floa
     return np.zeros((len(q), 3 * q.shape[1] + 1, 3 * q.shape[1] + 1))
 
 
-def wrench_curvature(model: StageModel, q: Array, w: Array, alpha: Array, S: float, weights: Array) -> Array:
+def wrench_curvature(
+    model: StageModel, q: Array, w: Array, alpha: Array, S: float, weights: Array, places: Array | None = None
+) -> Array:
     """Second derivatives of `weights . wrench` by (q, w, alpha, S), from differences of the analytic first ones.
 
     Args:
@@ -166,6 +172,7 @@ def wrench_curvature(model: StageModel, q: Array, w: Array, alpha: Array, S: flo
         q, w, alpha: Shape (K, n) each.
         S: Squared duration [s^2].
         weights: Shape (K, 6 V).
+        places: Of the base, shape (K, 2); None where they do not matter.
 
     Returns:
         Symmetric, shape (K, 3n + 1, 3n + 1); the block of (alpha, S) is zero because the wrench is affine in them.
@@ -183,7 +190,8 @@ def wrench_curvature(model: StageModel, q: Array, w: Array, alpha: Array, S: flo
     shifted_q = (q[:, None] + steps).reshape(-1, n)
     shifted_w = (w[:, None] + rates).reshape(-1, n)
     repeated = np.repeat(alpha, len(steps), axis=0)
-    _, slopes = model.wrench_derivatives(shifted_q, shifted_w, repeated, S)
+    where = None if places is None else np.repeat(places, len(steps), axis=0)
+    slopes = model.wrench_derivatives(shifted_q, shifted_w, repeated, S, where)[1][:, :, : 3 * n + 1]
     slopes = np.einsum("kr,kprj->kpj", weights, slopes.reshape(count, len(steps), 6, 3 * n + 1))
     change = slopes[:, 1:] - slopes[:, :1]
     H = np.zeros((count, 3 * n + 1, 3 * n + 1))

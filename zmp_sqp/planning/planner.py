@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from zmp_sqp.arrays import Array, finite_number
-from zmp_sqp.errors import ProblemError
+from zmp_sqp.errors import ProblemError, TrajectoryError
 from zmp_sqp.planning.answer import Plan, Status
+from zmp_sqp.planning.certificate import Certificate
 from zmp_sqp.planning.driving import DrivingTranscription
 from zmp_sqp.planning.formulation import (
     GUARD,
@@ -114,6 +115,8 @@ def plan(
     bounds = replace(bounds, least_duration=least)
     history: list[IterationRecord] = []
     duration = least
+    route = None if problem.base is None else np.vstack([problem.base.start[:2], problem.base.goal[:2]])
+    reach = 0.0 if problem.machine.support is None else problem.machine.support.reach
 
     def solve(
         bounds: PathBounds, controls: Array, S: float, ties: Any = None, iterations: int = MAX_ITERATIONS
@@ -122,7 +125,9 @@ def plan(
         of_coordinates = Transcription(
             model, start, goal, bounds, intervals=problem.intervals, reference=duration, hold=hold, ties=ties
         )
-        nlp = of_coordinates if problem.base is None else DrivingTranscription(of_coordinates, problem.base)
+        nlp: Program = of_coordinates
+        if problem.base is not None:
+            nlp = DrivingTranscription(of_coordinates, problem.base, problem.base_ground, reach=reach)
         settings = SQPSettings(deadline=deadline, max_iterations=iterations)
         result = SQP(backend, fallback, settings, progress).minimize(nlp, nlp.pack(controls, S))
         history.extend(result.history)
@@ -131,7 +136,14 @@ def plan(
     best: tuple[Program, SQPResult] | None = None
     for slower, smooth, iterations in GUESSES:
         alpha, duration = initial_guess(
-            model, start, goal, bounds, intervals=problem.intervals, least_duration=slower * least, smooth=smooth
+            model,
+            start,
+            goal,
+            bounds,
+            intervals=problem.intervals,
+            least_duration=slower * least,
+            smooth=smooth,
+            route=route,
         )
         found = solve(bounds, alpha[:, None], duration**2, iterations=iterations)
         best = found if best is None or _is_better(found, best) else best
@@ -156,12 +168,20 @@ def plan(
         refined = solve(looser, spread, S, ties, REFINEMENTS)
         if refined[1].status.is_feasible and refined[0].unpack(refined[1].x)[3] <= S:
             (nlp, result), bounds = refined, looser
-    tightened = 0.0
+    tightened, obstacle = 0.0, ""
+    attempt: Trajectory | None = None
     for _ in range(MAX_TIGHTENINGS):
-        attempt = trajectory(problem, nlp, result.x)
-        checked = certify_for(problem, attempt)
+        try:
+            attempt = motion = trajectory(problem, nlp, result.x)
+            checked = certify_for(problem, motion)
+        except (ProblemError, TrajectoryError) as cause:  # off the map, or where the tracks cannot follow
+            if problem.base is None or problem.base_ground.uniform:
+                raise
+            attempt, checked = None, Certificate.of_nothing(problem.margin)
+            status, obstacle = Status.TERRAIN, str(cause)
+            break
         status = OUTCOMES.get(result.status, Status.FAILED)
-        proven = checked.safe and problem.is_met_by(attempt)
+        proven = checked.safe and problem.is_met_by(motion)
         if proven and not status.success:  # the proof does not ask how the motion was found
             status = Status.SAFE
         if not status.success or proven:
@@ -182,8 +202,8 @@ def plan(
     return Plan(
         problem=problem,
         status=status,
-        message=failure_message(problem, status, checked),
-        duration=attempt.duration,
+        message=failure_message(problem, status, checked, obstacle),
+        duration=float(np.sqrt(nlp.unpack(result.x)[3])) if attempt is None else attempt.duration,
         lower_bound=lower_bound,
         certificate=checked,
         iterations=len(history),
@@ -213,7 +233,8 @@ def _already_there(problem: Problem, qp_solver: str, started: float) -> Plan:
     times, base, drive = np.zeros(2), problem.base, None
     if base is not None:
         still, rates = np.zeros((1, 2)), np.vstack([base.start_velocity] * 2)
-        drive = UnicycleMotion.from_start(times, base.start, rates, np.full(2, base.start[2]), (still, still))
+        yaw = np.full(2, base.start[2])
+        drive = UnicycleMotion.from_start(times, base.start, rates, yaw, (still, still), problem.base_ground)
     attempt = Trajectory(problem.machine.joint_names, times, q, v, 0.0 * v[:1], base=drive)
     checked = certify_for(problem, attempt)
     status = Status.FASTEST_POSSIBLE if checked.safe else Status.INFEASIBLE

@@ -9,14 +9,14 @@ import numpy as np
 
 from zmp_sqp.arrays import Array, finite_number, frozen_array, shortened
 from zmp_sqp.errors import MachineError, ProblemError
-from zmp_sqp.mechanics.ground import Ground, Slope
+from zmp_sqp.mechanics.ground import Ground, Slope, Terrain
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.planning.coordinates import Coordinates
 from zmp_sqp.planning.robustness import Corner, corners
 from zmp_sqp.planning.simplified import FORM_TOLERANCE, DistanceLimits, simplified_coordinates
-from zmp_sqp.planning.statics import check_at_rest, check_in_motion
+from zmp_sqp.planning.statics import check_at_rest, check_in_motion, gravity_under
 from zmp_sqp.planning.trajectory import Trajectory
-from zmp_sqp.planning.unicycle import UnicycleBase
+from zmp_sqp.planning.unicycle import UnicycleBase, terrain_of
 
 __all__ = ["MODELS", "Problem"]
 
@@ -160,8 +160,41 @@ class Problem:
             raise ProblemError(f"base must be a UnicycleBase, not {type(self.base).__name__}")
         if self.model != "full":
             raise ProblemError(f'a base that drives needs model="full", not {self.model!r}')
-        if not isinstance(self.ground, Slope):
-            raise ProblemError(f"a base drives on a Slope, not on {type(self.ground).__name__}")
+        self._check_terrain(self.base)
+
+    def _check_terrain(self, base: UnicycleBase) -> None:
+        if self.machine.support is None:
+            return
+        for name in ("start", "goal"):
+            pose = getattr(base, name)[None]
+            try:
+                self.base_ground.check_on(pose[:, :2])
+                self.base_ground.check_followable(self.machine.support, pose)
+            except ProblemError as cause:
+                raise ProblemError(f"base {name}: {cause}") from None
+
+    @property
+    def base_ground(self) -> Terrain:
+        """The ground, for a base to drive on.
+
+        Raises:
+            ProblemError: No base can.
+        """
+        return terrain_of(self.ground)
+
+    @property
+    def base_way(self) -> float:
+        """Straight line through space from the base's start to its goal, negative backwards; 0 without base [m]."""
+        if self.base is None:
+            return 0.0
+        if self.base_ground.uniform:
+            return self.base.travel
+        ends, _ = self.base_ground.base_pose(np.vstack([self.base.start, self.base.goal]))
+        return float(np.copysign(np.linalg.norm(ends[1] - ends[0]), self.base.travel))
+
+    def gravity_at(self, side: str) -> Array:
+        """Gravity in the root frame at the "start" or the "goal", shape (3,) [m/s^2]."""
+        return gravity_under(self.ground, None if self.base is None else getattr(self.base, side))
 
     def _check_model(self) -> None:
         if self.distance_limits is not None and self.model != "simplified":
@@ -223,9 +256,9 @@ class Problem:
                     f"{needed:.4g} needed, {room:.4g} there"
                 )
         base_moves = self.base is not None and getattr(self.base, f"{name}_velocity").any()
-        yaw = 0.0 if self.base is None else float(getattr(self.base, name)[2])
+        pose = None if self.base is None else getattr(self.base, name)
         if not (v.any() or base_moves):
-            check_at_rest(name, self.corners(), q, yaw=yaw, margin=self.margin)
+            check_at_rest(name, self.corners(), q, pose=pose, margin=self.margin)
         elif self.base is None:
             check_in_motion(name, self.corners(), q, v, margin=self.margin)
 

@@ -39,11 +39,11 @@ class LeaningSlope(Slope):
 
     gravity_at_zero: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
-    def gravity(self, yaw: float = 0.0) -> Array:
-        """Gravity in the root frame at a heading in the plane, shape (3,) [m/s^2]."""
+    def gravity_at_yaws(self, yaw: Array) -> Array:
+        """Gravity in the root frame at headings (K,) in the plane, shape (K, 3) [m/s^2]."""
         x, y, z = self.gravity_at_zero
         cos, sin = np.cos(yaw), np.sin(yaw)
-        return np.array([cos * x + sin * y, cos * y - sin * x, z])
+        return np.column_stack([cos * x + sin * y, cos * y - sin * x, np.full_like(yaw, z)])
 
 
 def corners(

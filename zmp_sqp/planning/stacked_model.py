@@ -32,13 +32,15 @@ class StackedModel:
         """Number of rows of `extra`, which knows no payload."""
         return self.parts[0].extra_rows
 
-    def wrench(self, q: Array, w: Array, alpha: Array, S: float) -> Array:
+    def wrench(self, q: Array, w: Array, alpha: Array, S: float, places: Array | None = None) -> Array:
         """S times the ground reaction wrenches, shape (K, 6 V) [N s^2, N m s^2]."""
-        return np.hstack([model.wrench(q, w, alpha, S) for model in self.parts])
+        return np.hstack([model.wrench(q, w, alpha, S, places) for model in self.parts])
 
-    def wrench_derivatives(self, q: Array, w: Array, alpha: Array, S: float) -> tuple[Array, Array]:
-        """The same with their derivatives by (q, w, alpha, S), shapes (K, 6 V) and (K, 6 V, 3n + 1)."""
-        wrenches, slopes = zip(*(model.wrench_derivatives(q, w, alpha, S) for model in self.parts), strict=True)
+    def wrench_derivatives(
+        self, q: Array, w: Array, alpha: Array, S: float, places: Array | None = None
+    ) -> tuple[Array, Array]:
+        """The same with their derivatives by (q, w, alpha, S, places), shapes (K, 6 V) and (K, 6 V, 3n + 1 + m)."""
+        wrenches, slopes = zip(*(model.wrench_derivatives(q, w, alpha, S, places) for model in self.parts), strict=True)
         return np.hstack(wrenches), np.concatenate(slopes, axis=1)
 
     def extra(self, q: Array, w: Array, alpha: Array, S: float) -> tuple[Array, Array]:

@@ -9,13 +9,13 @@ import numpy as np
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.errors import ContactLost, ProblemError
-from zmp_sqp.mechanics.ground import Ground, Slope
+from zmp_sqp.mechanics.ground import Ground, Slope, Terrain
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.wrench import ground_reaction, ground_reaction_derivatives
 from zmp_sqp.mechanics.zero_moment_point import zmp_of_wrench
 from zmp_sqp.planning.robustness import Corner
 
-__all__ = ["check_at_rest", "check_in_motion", "gentler", "largest_share", "possible_instead"]
+__all__ = ["check_at_rest", "check_in_motion", "gentler", "gravity_under", "largest_share", "possible_instead"]
 
 TOLERANCE = 1e-9  # [m] rounding that a ZMP at rest may stand outside
 HALVINGS = 30  # of the share of payload or slope that a machine can stand
@@ -23,10 +23,10 @@ HALVINGS = 30  # of the share of payload or slope that a machine can stand
 
 @dataclass(frozen=True, slots=True)
 class _Place:
-    """A pose at rest: joint coordinates q, yaw of the base [rad], margin asked for [m]."""
+    """A pose at rest: joint coordinates q, pose of a base that drives (3,), margin asked for [m]."""
 
     q: Array
-    yaw: float
+    pose: Array | None
     margin: float
 
     def outside(self, machine: Machine, ground: Ground) -> tuple[float, int, Array]:
@@ -34,7 +34,7 @@ class _Place:
         support = machine.support
         if support is None:
             raise ProblemError(f"machine {machine.name!r} has no support polygon")
-        still, root = np.zeros((1, len(self.q))), np.concatenate([-ground.gravity(self.yaw), np.zeros(3)])
+        still, root = np.zeros((1, len(self.q))), np.concatenate([-gravity_under(ground, self.pose), np.zeros(3)])
         point = zmp_of_wrench(
             ground_reaction(machine, self.q[None], still, still, root_acceleration=root), support.height
         )[0]
@@ -49,20 +49,20 @@ class _Place:
             return False
 
 
-def check_at_rest(name: str, corners: tuple[Corner, ...], q: Array, *, yaw: float, margin: float) -> None:
+def check_at_rest(name: str, corners: tuple[Corner, ...], q: Array, *, pose: Array | None, margin: float) -> None:
     """Refuse a pose that tips over at rest: no motion starts or ends there.
 
     Args:
         name: What the message calls it: start or goal.
         corners: Payloads and slopes that it must stand.
         q: Joint coordinates, shape (n,).
-        yaw: Of the base [rad].
+        pose: Of a base that drives, x, y, yaw, shape (3,) [m, rad]; None stands as the ground says.
         margin: Kept from the edges [m].
 
     Raises:
         ProblemError: It tips over; the message gives ZMP, edge, by how much, and what it could stand.
     """
-    place = _Place(q, yaw, margin)
+    place = _Place(q, pose, margin)
     for corner in corners:
         over, edge, point = place.outside(corner.machine, corner.ground)
         if over <= TOLERANCE or corner.machine.support is None:
@@ -105,6 +105,14 @@ def check_in_motion(name: str, corners: tuple[Corner, ...], q: Array, v: Array, 
                 f"limits: at these rates the ZMP leaves the {machine.support.edge_name(edge)} edge of the support "
                 f"polygon{kept}"
             )
+
+
+def gravity_under(ground: Ground, pose: Array | None) -> Array:
+    """Gravity in the root frame of a machine whose base rests at a pose (3,), or stands (None), shape (3,) [m/s^2]."""
+    if pose is None or not isinstance(ground, Terrain):
+        return ground.gravity()
+    rest = np.zeros((1, 2))
+    return np.asarray(-ground.base_motion(pose[None], rest, rest).acceleration[0, :3])
 
 
 def possible_instead(machine: Machine, ground: Ground, stands: Callable[[Machine, Ground], bool]) -> str:

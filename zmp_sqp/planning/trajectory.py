@@ -11,9 +11,10 @@ import numpy as np
 
 from zmp_sqp.arrays import Array, Indices, frozen_array
 from zmp_sqp.errors import TrajectoryError
+from zmp_sqp.mechanics.ground import Terrain
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.planning.trajectory_json import read_json, write_json
-from zmp_sqp.planning.unicycle_motion import BASE_COLUMNS, UnicycleMotion
+from zmp_sqp.planning.unicycle_motion import BASE_COLUMNS, PLANE, UnicycleMotion
 
 __all__ = ["Trajectory"]
 
@@ -173,21 +174,33 @@ class Trajectory:
         write_json(path, self.joint_names, self.times, rows, self.base)
 
     @classmethod
-    def from_json(cls, path: str | Path, machine: Machine) -> Trajectory:
+    def from_json(cls, path: str | Path, machine: Machine, ground: Terrain = PLANE) -> Trajectory:
         """Trajectory from a file as `to_json` writes it; joints may come in any order, jerks may be left out (zero).
 
+        Args:
+            path: The file.
+            machine: Whose joints are looked for.
+            ground: What the base, if there is one, drives on; the same for all planes.
+
         Raises:
+            ProblemError: The base leaves the map.
             TrajectoryError: The file cannot be read, has other joints than the machine, lacks a field, or holds
                 something that is not a consistent motion.
         """
-        times, (position, velocity, acceleration, jerk), base = read_json(path, machine.joint_names)
+        times, (position, velocity, acceleration, jerk), base = read_json(path, machine.joint_names, ground)
         return cls(machine.joint_names, times, position, velocity, acceleration[:-1], jerk[:-1], base)
 
     @classmethod
-    def from_csv(cls, path: str | Path, machine: Machine) -> Trajectory:
+    def from_csv(cls, path: str | Path, machine: Machine, ground: Terrain = PLANE) -> Trajectory:
         """Trajectory from a file as `to_csv` writes it; columns may come in any order, jerks may be left out (zero).
 
+        Args:
+            path: The file.
+            machine: Whose joints are looked for.
+            ground: What the base, if there is one, drives on; the same for all planes.
+
         Raises:
+            ProblemError: The base leaves the map.
             TrajectoryError: The file cannot be read, lacks a column of one of the machine's joints, has one that the
                 machine does not know, or holds something that is not a consistent motion.
         """
@@ -228,5 +241,5 @@ class Trajectory:
             absent = np.zeros(len(table))
             given = dict(zip(columns, table[:, joint_columns:].T, strict=True))
             parts = [given.get(name, absent) for name in BASE_COLUMNS]
-            base = UnicycleMotion.from_table(table[:, 0], np.column_stack(parts))
+            base = UnicycleMotion.from_table(table[:, 0], np.column_stack(parts), ground)
         return cls(names, table[:, 0], position, velocity, acceleration[:-1], jerk[:-1] if jerk.size else None, base)

@@ -11,7 +11,8 @@ import numpy as np
 
 from zmp_sqp.arrays import Array, finite_number, frozen_array, shortened
 from zmp_sqp.errors import TrajectoryError
-from zmp_sqp.planning.unicycle_motion import BASE_COLUMNS, UnicycleMotion
+from zmp_sqp.mechanics.ground import Terrain
+from zmp_sqp.planning.unicycle_motion import BASE_COLUMNS, PLANE, UnicycleMotion
 
 __all__ = ["read_json", "write_json"]
 
@@ -46,13 +47,16 @@ def write_json(
     Path(path).write_text(text + "\n", encoding="utf-8")
 
 
-def read_json(path: str | Path, joint_names: Sequence[str]) -> tuple[Array, list[Array], UnicycleMotion | None]:
+def read_json(
+    path: str | Path, joint_names: Sequence[str], ground: Terrain = PLANE
+) -> tuple[Array, list[Array], UnicycleMotion | None]:
     """Times (N+1,), one array (N+1, n) for each of `FIELDS` in the order of the joints, and the base's motion.
 
     Args:
         path: A file as `write_json` writes it, or a JointTrajectory as JSON; jerks may be left out (zero), and `time`,
             in whose place time_from_start is taken. Fields that are not known are passed over.
         joint_names: The joints that the file must have, in any order.
+        ground: What the base drives on.
 
     Raises:
         TrajectoryError: The file cannot be read, is no such object, has other joints, or an entry is no finite number;
@@ -84,7 +88,7 @@ def read_json(path: str | Path, joint_names: Sequence[str]) -> tuple[Array, list
         raise TrajectoryError(f"{path}: base must be an object at every point, or at none")
     table = [[_entry(point["base"], field, f"{path}: point {i}: base ") for field in BASE_FIELDS]
              for i, point in enumerate(points)]  # fmt: skip
-    return times, rows, UnicycleMotion.from_table(times, np.array(table))
+    return times, rows, UnicycleMotion.from_table(times, np.array(table), ground)
 
 
 def _time(point: Mapping[str, Any], where: str) -> float:

@@ -140,17 +140,23 @@ class Transcription:
 
     # --- the nonlinear program ----------------------------------------------------------------
 
-    def evaluate(self, x: Array) -> Evaluation:
-        """Values at x."""
+    def evaluate(self, x: Array, places: Array | None = None) -> Evaluation:
+        """Values at x, with the base at places, starts, ends, middles of all intervals, shape (3N, 2) [m]."""
         states = self._states(x)
-        return self._evaluation(x, self.model.wrench(*states), self.model.extra(*states)[0] / self.reference**2)
+        wrench = self.model.wrench(*states, places)
+        return self._evaluation(x, wrench, self.model.extra(*states)[0] / self.reference**2)
 
     def linearize(self, x: Array) -> Linearization:
         """Values and first derivatives at x."""
+        return self.linearize_at(x)[0]
+
+    def linearize_at(self, x: Array, places: Array | None = None) -> tuple[Linearization, Array]:
+        """As `linearize`, with a base at places as in `evaluate`, and slopes of wrench rows by them, (3N, E, m)."""
         N, layout = self.N, self.layout
         states = self._states(x)
-        wrench, slopes = self.model.wrench_derivatives(*states)
-        slopes = self._rows @ slopes  # (3N, E, 3n + 1)
+        wrench, slopes = self.model.wrench_derivatives(*states, places)
+        slopes = self._rows @ slopes  # (3N, E, 3n + 1 + m)
+        slopes, by_places = slopes[:, :, : 3 * self.n + 1], slopes[:, :, 3 * self.n + 1 :]
         slopes[:, :, -1] += self._row_offset / self.reference**2
         extra, extra_slopes = self.model.extra(*states)
         slopes = np.concatenate([slopes, extra_slopes / self.reference**2], axis=1)
@@ -178,9 +184,10 @@ class Transcription:
         gradient[-1] = 1.0
         tie_gradient[layout.controls] = self._tie_weight * x[layout.controls]
         at = self._evaluation(x, wrench, extra / self.reference**2)
-        return Linearization(at, gradient, tie_gradient, A, C, self._basis(at.equalities, root_slope))
+        lin = Linearization(at, gradient, tie_gradient, A, C, self._basis(at.equalities, root_slope))
+        return lin, by_places
 
-    def hessian(self, x: Array, y: Array, z: Array, *, convex: bool) -> sp.csr_array:
+    def hessian(self, x: Array, y: Array, z: Array, *, convex: bool, places: Array | None = None) -> sp.csr_array:
         """Hessian of the Lagrangian: small weight on accelerations, square roots, curvature of the wrench and `extra`.
 
         Exact along closed gaps; with `convex`, a control point's curvature is that of the start.
@@ -199,8 +206,9 @@ class Transcription:
             return sp.csr_array(sp.diags_array(diagonal))
         states_q, states_w, alpha, S = self._states(x)
         at = states_q[active], states_w[active], alpha[active]
+        where = None if places is None else places[active]
         of_wrench, of_extra = np.split(weights[active], [len(self._rows)], axis=1)
-        blocks = wrench_curvature(self.model, *at, S, of_wrench @ self._rows)
+        blocks = wrench_curvature(self.model, *at, S, of_wrench @ self._rows, where)
         blocks += extra_curvature(self.model, *at, S, of_extra / self.reference**2)
         ends, middles = active[active < 2 * self.N], active[active >= 2 * self.N] - 2 * self.N
         of_ends, of_middles = np.split(blocks, [len(ends)])

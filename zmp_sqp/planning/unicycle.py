@@ -9,10 +9,11 @@ import numpy as np
 
 from zmp_sqp.arrays import Array, finite_number, frozen_array
 from zmp_sqp.errors import ProblemError
+from zmp_sqp.mechanics.ground import Ground, Terrain
 from zmp_sqp.mechanics.limits import JointLimits
 from zmp_sqp.planning.double_integrator import minimum_time
 
-__all__ = ["UnicycleBase"]
+__all__ = ["UnicycleBase", "terrain_of"]
 
 LIMITS = ("max_speed", "max_acceleration", "max_yaw_rate", "max_yaw_acceleration")
 LIMIT_TOLERANCE = 1e-9  # [m or relative] rounding that a start or goal may stand outside its limits
@@ -27,7 +28,8 @@ class UnicycleBase:
               \qquad \text{(Song \& Sharf 2020, eq. (19))}
 
     Attributes:
-        start: x, y, yaw at the start, in the ground's plane, shape (3,) [m, m, rad].
+        start: x, y, yaw at the start, in the ground's coordinates (of a Slope in its plane, of a Heightmap on the map),
+            shape (3,) [m, m, rad].
         goal: x, y, yaw at the goal; the yaw counts turns [m, m, rad].
         max_speed: Along the heading, either way [m/s].
         max_acceleration: Along the heading [m/s^2].
@@ -35,7 +37,7 @@ class UnicycleBase:
         max_yaw_acceleration: [rad/s^2].
         start_velocity: Speed and yaw rate at the start, shape (2,) [m/s, rad/s]; None is rest.
         goal_velocity: Likewise at the goal.
-        x_bounds: Least and largest x at the nodes [m]; None is no bound.
+        x_bounds: Least and largest x at the nodes (between them it may pass by millimetres) [m]; None is no bound.
         y_bounds: Likewise of y.
 
     Raises:
@@ -137,3 +139,14 @@ class UnicycleBase:
         """Lower and upper bounds of x and y, infinite where there are none, shape (2,) each [m]."""
         sides = [(-np.inf, np.inf) if given is None else given for given in (self.x_bounds, self.y_bounds)]
         return np.array([side[0] for side in sides]), np.array([side[1] for side in sides])
+
+
+def terrain_of(ground: Ground) -> Terrain:
+    """The ground, for a base to drive on.
+
+    Raises:
+        ProblemError: No base can.
+    """
+    if not isinstance(ground, Terrain):
+        raise ProblemError(f"a base drives on a Slope or a Heightmap, not on {type(ground).__name__}")
+    return ground

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from zmp_sqp.arrays import Array, Indices, frozen_array
+from zmp_sqp.arrays import Array, Indices, frozen_array, shortened
 from zmp_sqp.errors import TrajectoryError
+from zmp_sqp.mechanics.ground import Slope, Terrain
+from zmp_sqp.planning.place_curve import SHARES, PlaceCurve
 from zmp_sqp.planning.unicycle import UnicycleBase
 
-__all__ = ["ARRIVAL", "BASE_COLUMNS", "UnicycleMotion", "base_excess"]
+__all__ = ["ARRIVAL", "BASE_COLUMNS", "PLANE", "UnicycleMotion", "base_excess"]
 
 BASE_COLUMNS = (
     "base.x", "base.y", "base.yaw", "base.speed", "base.yaw_rate", "base.acceleration", "base.yaw_acceleration",
@@ -20,27 +22,33 @@ BASE_COLUMNS = (
 CONSISTENCY = 1e-6  # [m, rad, per second] how far a file's nodes may be from what its accelerations give
 ARRIVAL = 1e-3  # [m or rad] farthest from the goal that counts as there
 CORRIDOR = 1e-6  # [m] farthest outside x and y bounds at a node
-NODES, WEIGHTS = (part / 2.0 for part in np.polynomial.legendre.leggauss(20))  # exact far beyond rounding for a turn
+PLANE = Slope()
+PLANAR = " in a plane; if it drove over a heightmap, give that as its ground"
+LONGEST = 0.1  # [s] of a piece of path over uneven ground that is one polynomial
+MOST_PIECES = 20_000  # however long the motion is
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UnicycleMotion:
     r"""Unicycle over nodes t_0 = 0 < ... < t_N, its accelerations linear within the intervals.
 
-    .. math:: p(t) = p_k + \int_{t_k}^{t} s\, (\cos\psi, \sin\psi)\, dt
+    .. math:: p(t) = p_k + \int_{t_k}^{t} s\, B(p) (\cos\psi, \sin\psi)\, dt
 
-    by Gauss-Legendre quadrature from the node before; speed s and yaw psi are exact polynomials.
+    from the node before (`PlaceCurve`); speed s and yaw psi are exact polynomials, and B is what the ground makes of
+    a heading (`Terrain.ground_rates`; in a plane the identity).
 
     Attributes:
         times: Nodes, shape (N+1,) [s].
-        poses: x, y, yaw at the nodes, in the ground's plane, shape (N+1, 3) [m, m, rad].
+        poses: x, y, yaw at the nodes, in the ground's coordinates, shape (N+1, 3) [m, m, rad].
         velocities: Speed along the heading and yaw rate at the nodes, shape (N+1, 2) [m/s, rad/s].
         accelerations: At the starts of the intervals, shape (N, 2) [m/s^2, rad/s^2].
         jerks: On the intervals, shape (N, 2) [m/s^3, rad/s^3].
+        ground: What it drives on; the same for all planes.
 
     Raises:
         TrajectoryError: Shapes differ, entries are not finite, or poses and velocities do not follow from the
             accelerations.
+        ProblemError: It leaves the map.
     """
 
     times: Array
@@ -48,6 +56,8 @@ class UnicycleMotion:
     velocities: Array
     accelerations: Array
     jerks: Array
+    ground: Terrain = PLANE
+    _path: PlaceCurve = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         count = len(self.times)
@@ -64,6 +74,10 @@ class UnicycleMotion:
         for name, shape in shapes.items():
             array = frozen_array(getattr(self, name), name=f"base {name}", shape=shape, error=TrajectoryError)
             object.__setattr__(self, name, array)
+        motion = self.poses[:-1], self.velocities[:-1], self.accelerations, self.jerks
+        path, places = _curve(*motion, np.diff(times), self.ground, chained=False)
+        self.ground.check_on(places.reshape(-1, 2))
+        object.__setattr__(self, "_path", path)
         pose, velocity, _ = self.state_in(np.arange(count - 1), np.diff(times))
         gap = np.hstack([self.poses[1:] - pose, self.velocities[1:] - velocity])
         worst = np.unravel_index(np.argmax(np.abs(gap)), gap.shape)
@@ -71,29 +85,50 @@ class UnicycleMotion:
             name = BASE_COLUMNS[int(worst[1])]
             raise TrajectoryError(
                 f"{name} does not follow from the accelerations: node {int(worst[0]) + 1} is off by {gap[worst]:.3g}"
+                f"{PLANAR if self.ground.uniform and worst[1] < 2 else ''}"
             )
 
     @classmethod
     def from_start(
-        cls, times: Array, start: Array, velocities: Array, yaw: Array, pushes: tuple[Array, Array]
-    ) -> UnicycleMotion:
-        """Motion from a pose (3,) on, from speeds (N+1, 2), yaws (N+1,), and accelerations with jerks (N, 2) each."""
-        count = len(times)
-        poses = np.column_stack([np.zeros((count, 2)), yaw])
-        moves = _moves(poses[:-1], velocities[:-1], *pushes, np.diff(times)[:, None])
-        poses[:, :2] = start[:2] + np.vstack([np.zeros(2), np.cumsum(moves, axis=0)])
-        return cls(times, poses, velocities, *pushes)
+        cls, times: Array, start: Array, velocities: Array, yaw: Array, pushes: tuple[Array, Array],
+        ground: Terrain = PLANE,
+    ) -> UnicycleMotion:  # fmt: skip
+        """Motion from a pose (3,) on, from speeds (N+1, 2), yaws (N+1,), and accelerations with jerks (N, 2) each.
+
+        Raises:
+            TrajectoryError: As for the class.
+            ProblemError: It leaves the map; the message says where.
+        """
+        poses = np.column_stack([np.zeros((len(times), 2)), yaw])
+        poses[:, :2] = start[:2]
+        curve, _ = _curve(poses[:-1], velocities[:-1], *pushes, np.diff(times), ground, chained=True)
+        k = np.arange(len(times) - 1)
+        poses[1:, :2] += np.cumsum(curve.displacement(k, np.diff(times)), axis=0)
+        return cls(times, poses, velocities, *pushes, ground)
+
+    @property
+    def pieces(self) -> Indices:
+        """How many polynomials make the path in each interval, shape (N,)."""
+        return self._path.pieces
+
+    def on(self, ground: Terrain) -> UnicycleMotion:
+        """The same motion on other ground.
+
+        Raises:
+            TrajectoryError: The places at the nodes do not follow there.
+            ProblemError: It leaves the map.
+        """
+        return self if ground is self.ground else replace(self, ground=ground)
 
     def state_in(self, k: Indices, since: Array) -> tuple[Array, Array, Array]:
         """Pose (K, 3), velocity (K, 2), acceleration (K, 2) in intervals k at times `since` after their starts [s]."""
+        place = self.poses[k, :2] + self._path.displacement(k, since)
         since = since[:, None]
-        pose, velocity, a, j = self.poses[k], self.velocities[k], self.accelerations[k], self.jerks[k]
-        yaw = _yaw(pose, velocity, a, j, since)
-        place = pose[:, :2] + _moves(pose, velocity, a, j, since)
+        yaw = _yaw(self.poses[k], self.velocities[k], self.accelerations[k], self.jerks[k], since)
         return np.hstack([place, yaw]), *self._rates_in(k, since)
 
     def __call__(self, t: Any) -> tuple[Array, Array, Array]:
-        """Pose (x, y, yaw), velocity (speed, yaw rate), acceleration at any time, by quadrature from the node before.
+        """Pose (x, y, yaw), velocity (speed, yaw rate), acceleration at any time.
 
         Args:
             t: Scalar or shape (K,) [s], within [0, duration].
@@ -135,9 +170,9 @@ class UnicycleMotion:
         return np.column_stack([self.poses, self.velocities, *pushes])
 
     @classmethod
-    def from_table(cls, times: Array, table: Array) -> UnicycleMotion:
+    def from_table(cls, times: Array, table: Array, ground: Terrain = PLANE) -> UnicycleMotion:
         """The inverse of `table`."""
-        return cls(times, table[:, :3], table[:, 3:5], table[:-1, 5:7], table[:-1, 7:9])
+        return cls(times, table[:, :3], table[:, 3:5], table[:-1, 5:7], table[:-1, 7:9], ground)
 
 
 def base_excess(base: UnicycleBase, motion: UnicycleMotion) -> float:
@@ -165,10 +200,25 @@ def _yaw(pose: Array, velocity: Array, a: Array, j: Array, since: Array) -> Arra
     return np.asarray(pose[:, 2:] + since * velocity[:, 1:] + 0.5 * since**2 * a[:, 1:] + since**3 * j[:, 1:] / 6.0)
 
 
-def _moves(pose: Array, velocity: Array, a: Array, j: Array, since: Array) -> Array:
-    """Displacement over the times `since` (K, 1) from the starts of K intervals, shape (K, 2)."""
-    t = since * (0.5 + NODES)  # (K, 20)
-    yaw = _yaw(pose, velocity, a, j, t)
-    speed = velocity[:, :1] + t * a[:, :1] + 0.5 * t**2 * j[:, :1]
-    weights = since * WEIGHTS * speed
-    return np.column_stack([(weights * np.cos(yaw)).sum(axis=1), (weights * np.sin(yaw)).sum(axis=1)])
+def _curve(
+    pose: Array, velocity: Array, a: Array, j: Array, steps: Array, ground: Terrain, *, chained: bool
+) -> tuple[PlaceCurve, Array]:
+    """Path of N intervals, and its places at Gauss points; off the map as at its rim."""
+    if not isinstance(ground, Terrain) or isinstance(ground, type):
+        raise TrajectoryError(f"a base drives on a Slope or a Heightmap, not on {shortened(ground)}")
+    parts = np.ones(len(steps), dtype=int)
+    if not ground.uniform:
+        parts = np.ceil(steps / max(LONGEST, float(steps.sum()) / MOST_PIECES)).astype(int).clip(1)
+    number = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
+    t = np.repeat(steps / parts, parts)[:, None] * (number[:, None] + SHARES)  # (pieces, points)
+    pose, velocity, a, j, places = *(np.repeat(part, parts, axis=0) for part in (pose, velocity, a, j)), pose[:, :2]
+    yaw = _yaw(pose, velocity, a, j, t).ravel()
+    rates = np.zeros((yaw.size, 2))
+    rates[:, 0] = (velocity[:, :1] + t * a[:, :1] + 0.5 * t**2 * j[:, :1]).ravel()
+    low, high = ground.extent
+
+    def to_rates(places: Array) -> Array:
+        poses = np.column_stack([np.clip(places.reshape(-1, 2), low, high), yaw])
+        return ground.ground_rates(poses, rates).rates.reshape(places.shape)
+
+    return PlaceCurve.integrated(places, steps, parts, to_rates, chained=chained)

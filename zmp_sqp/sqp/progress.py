@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -28,13 +27,9 @@ def next_damping(damping: float, length: float) -> float:
     return damping if damping >= FADED_DAMPING else 0.0
 
 
-def nonlinear_weight(y: Array, A: Any, previous_A: Any) -> float:
-    """Sum of the multipliers of equalities whose gradients have changed; linear ones have no curvature."""
-    if not y.any():
-        return 0.0
-    skipped = A.shape[0] - len(y)
-    change = abs(A[skipped:] - previous_A[skipped:]).max(axis=1).toarray().ravel()
-    return float(np.abs(y[change > 0.0]).sum())
+def nonlinear_weight(y: Array, gradients: Array, previous: Array) -> float:
+    """Sum of the multipliers of equalities whose condensed gradients have changed; linear ones have no curvature."""
+    return float(np.abs(y[np.abs(gradients - previous).max(axis=1, initial=0.0) > 0.0]).sum())
 
 
 def creeps(history: Sequence[IterationRecord], feasibility: float) -> bool:

@@ -131,7 +131,8 @@ class SQP:
             here = (x, y, z, lin.at) if lin.at.violation <= settings.feasibility else last_feasible
             return SQPResult(*here[:3], status, here[3], tuple(history))
 
-        damping, refused, previous_A = 0.0, False, lin.A
+        damping, refused = 0.0, False
+        previous_gradients: Array | None = None
         while True:
             if lin.at.violation <= settings.feasibility:
                 last_feasible = x, y, z, lin.at
@@ -152,10 +153,12 @@ class SQP:
                     x, lin = back
                     record("restoration", inner=0, rows=int((z > 0.0).sum()), length=1.0)
                     continue
-            weight = float(z[nonlinear].sum()) + nonlinear_weight(y, lin.A, previous_A)
+            subproblem = Subproblem(lin, nonlinear, self.backend, self.fallback)
+            gradients = subproblem.equality_gradients
+            weight = float(z[nonlinear].sum())
+            if previous_gradients is not None:
+                weight += nonlinear_weight(y, gradients, previous_gradients)
             curved = merit.breaks_ties and weight > settings.curvature_from
-            misses = nonlinear if merit.breaks_ties else np.ones_like(nonlinear)
-            subproblem = Subproblem(lin, nonlinear, self.backend, self.fallback, misses=misses)
             accepted, stationary = None, False
             for curvature in (True, False) if curved else (False,):
                 model = self._model(nlp, x, y, z, subproblem, merit.gradient(lin), curvature=curvature, damping=damping)
@@ -181,7 +184,7 @@ class SQP:
                 if last_feasible is not None or damping > (LARGEST_DAMPING if step.solved else LARGEST_QP_DAMPING):
                     return finish(SQPStatus.STALLED if step.solved else SQPStatus.QP_FAILED)
                 continue
-            previous_A = lin.A
+            previous_gradients = gradients
             x, lin, length, corrected = accepted
             damping, refused = next_damping(damping, length), False
             y, z = step.y, step.z

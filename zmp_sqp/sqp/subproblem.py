@@ -112,6 +112,11 @@ class Subproblem:
         return bool(self._for_whole) and self._for_whole[0] is self._backends[0]
 
     @property
+    def equality_gradients(self) -> Array:
+        """Condensed Jacobian of the equalities that are not eliminated, shape (p, r)."""
+        return self._A
+
+    @property
     def size(self) -> int:
         """Number r of variables of the condensed QP."""
         return int(self._A.shape[1])

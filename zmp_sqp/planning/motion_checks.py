@@ -1,0 +1,47 @@
+"""What a motion has to be before anything can be proven of it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from zmp_sqp.errors import MachineError, ProblemError, TrajectoryError
+from zmp_sqp.mechanics.ground import Ground
+from zmp_sqp.mechanics.machine import Machine
+from zmp_sqp.planning.trajectory import Trajectory
+
+__all__ = ["check_arguments", "check_drift"]
+
+DRIFT = 1e-6  # [rad/s or m/s, rad or m] that the nodes may add up to beside what the accelerations give
+OPERATIONS = 100.0  # roundings of one unit that add up from node to node, and to spare
+EPSILON = float(np.finfo(float).eps)
+
+
+def check_arguments(machine: Machine, trajectory: Trajectory, ground: Ground) -> None:
+    """Refuse what is no machine, trajectory or ground, and joints that are not the machine's."""
+    if not isinstance(machine, Machine):
+        raise MachineError(f"machine must be a Machine (see load_machine), not {type(machine).__name__}")
+    if not isinstance(trajectory, Trajectory):
+        raise TrajectoryError(f"trajectory must be a Trajectory, not {type(trajectory).__name__}")
+    if not isinstance(ground, Ground):
+        raise ProblemError(f"ground must have a gravity(yaw) as Slope has, not {ground!r}")
+    if machine.support is None:
+        raise MachineError(f"machine {machine.name!r} has no support polygon: give support= to load_machine")
+    if trajectory.joint_names != machine.joint_names:
+        raise ProblemError(f"the trajectory moves {trajectory.joint_names}, the machine has {machine.joint_names}")
+
+
+def check_drift(trajectory: Trajectory) -> None:
+    """Refuse nodes that drift away from what the accelerations produce."""
+    # a rate that creeps up by less than `Trajectory` notices, from each of many nodes to the next, is an acceleration
+    q, v, _ = trajectory.state_in(np.arange(trajectory.intervals), np.diff(trajectory.times))
+    followed = [("velocities", trajectory.velocities, v), ("positions", trajectory.positions, q)]
+    if (base := trajectory.base) is not None:
+        pose, velocity, _ = base.state_in(np.arange(trajectory.intervals), np.diff(base.times))
+        followed += [("base velocities", base.velocities, velocity), ("base poses", base.poses, pose)]
+    for name, values, reached in followed:
+        gaps = values[1:] - reached
+        with np.errstate(all="ignore"):
+            drift = float(np.ptp(np.vstack([np.zeros_like(gaps[:1]), np.cumsum(gaps, axis=0)]), axis=0).max())
+            allowed = DRIFT + OPERATIONS * EPSILON * float(np.abs(values).sum(axis=0).max())
+        if not drift <= allowed:
+            raise TrajectoryError(f"{name} drift by {drift:.3g} away from what the accelerations produce")
