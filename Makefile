@@ -34,6 +34,7 @@ check: venv  ## linter, formatter, types
 bench: venv  ## speed, robustness and agreement with physics, printed as tables
 	$(BIN)/python -m benchmarks.speed
 	$(BIN)/python -m benchmarks.random_problems
+	$(BIN)/python -m benchmarks.memory
 	$(BIN)/python -m benchmarks.replay
 
 clean:  ## remove the virtual environment and everything made by these targets
