@@ -159,7 +159,7 @@ def test_bounds_on_the_distance_with_an_active_zmp_take_few_iterations(seed: int
     plan = zs.plan(bounded_problem(seed))
     assert plan.status is zs.Status.OPTIMAL, plan.message
     assert plan.duration > 1.02 * plan.lower_bound
-    assert plan.iterations <= 15
+    assert max(record.iteration for record in plan.history) <= 15  # of the searches that it takes, the longest
 
 
 @pytest.mark.parametrize(
