@@ -43,10 +43,12 @@ SAME_DURATION = 1e-6  # relative: of two solutions as fast as that, the later on
 EPSILON = 1e-9
 MAX_TIGHTENINGS = 6
 MAX_ITERATIONS = 100
-# Guesses by how much slower they are than the bound, and iterations spent on them: first whether the bound can be kept,
-# then a start from which the ZMP's rows are less curved; others only if that leads nowhere.
-GUESSES = ((1.0, 3), (1.1, MAX_ITERATIONS), (1.6, MAX_ITERATIONS), (2.5, MAX_ITERATIONS))
-REFINEMENTS = 15  # iterations with linear accelerations; what is not feasible by then is dropped
+# Guesses: how much slower than the bound, whether smooth, and iterations spent on them. First whether the bound can be
+# kept; then a start from which the ZMP's rows are less curved; a smooth one against local minima where the motion found
+# takes more than SLOW times the lower bound, or none is; the last only if all that leads nowhere.
+GUESSES = ((1.0, False, 3), (1.1, False, MAX_ITERATIONS), (1.5, True, MAX_ITERATIONS), (2.5, False, MAX_ITERATIONS))
+SLOW = 1.1
+REFINEMENTS = 30  # iterations with linear accelerations; what is not feasible by then is dropped
 FEW_CONTROLS = 120  # up to so many, each interval's slope is free; beyond, it follows from its neighbours
 OUTCOMES = {
     SQPStatus.OPTIMAL: Status.OPTIMAL,
@@ -132,7 +134,7 @@ def plan(
         return nlp, result
 
     best: tuple[Program, SQPResult] | None = None
-    for slower, iterations in GUESSES:
+    for slower, smooth, iterations in GUESSES:
         alpha, duration = initial_guess(
             model,
             start,
@@ -141,19 +143,20 @@ def plan(
             intervals=problem.intervals,
             least_duration=slower * least,
             route=route,
+            smooth=smooth,
         )
         found = solve(bounds, alpha[:, None], duration**2, iterations=iterations)
         best = found if best is None or _is_better(found, best) else best
-        ended = found[1].status
-        if ended in (SQPStatus.BOUND_REACHED, SQPStatus.TIME_LIMIT) or (ended.is_feasible and slower > 1.0):
+        if found[1].status in (SQPStatus.BOUND_REACHED, SQPStatus.TIME_LIMIT):
+            break
+        feasible, slow = best[1].status.is_feasible, best[0].unpack(best[1].x)[3] > (SLOW * lower_bound) ** 2
+        if feasible and slower > 1.0 and (smooth or not slow):
             break
     assert best is not None
     (nlp, result), ties = best, None
     duration = nlp.reference
-    if result.status in (
-        SQPStatus.OPTIMAL,
-        SQPStatus.FEASIBLE,
-    ):  # the ZMP costs time: let the accelerations follow it within the intervals
+    if result.status in (SQPStatus.OPTIMAL, SQPStatus.FEASIBLE):
+        # the ZMP costs time: let the accelerations follow it within the intervals
         controls, S = nlp.unpack(result.x)[2:]
         looser = replace(bounds, least_duration=lower_bound)  # the grid's bound is one of constant accelerations
         ties = slope_ties(controls[:, 0]) if controls.size > FEW_CONTROLS else None

@@ -9,14 +9,16 @@ import numpy.typing as npt
 import scipy.sparse as sp
 
 from zmp_sqp.arrays import Array
-from zmp_sqp.planning.hold import CONSTANT, Hold
+from zmp_sqp.planning.hold import CONSTANT, LINEAR, Hold
 from zmp_sqp.planning.layout import layout_of
 from zmp_sqp.planning.model import StageModel, extra_curvature, wrench_curvature
 from zmp_sqp.sqp.nlp import Basis, Evaluation, Linearization
 
 __all__ = ["Boundary", "PathBounds", "Transcription"]
 
-REGULARIZATION = 1e-2  # weight of the mean squared scaled acceleration: picks one of many fastest motions
+# Weight of the mean squared scaled acceleration, which picks one of many fastest motions. Where the ZMP costs time it
+# trades time for smoothness: 1e-2 costs up to 1 %, but finds better motions; 3e-4 costs less than 0.05 %.
+REGULARIZATION = {CONSTANT: 1e-2, LINEAR: 3e-4}
 SHORT_WAY = 1e-8  # [rad or m] below it, rounding of the positions is felt
 LEAST_NORMAL_FORCE = 0.05  # of the weight: below it the tracks are as good as in the air
 
@@ -109,7 +111,7 @@ class Transcription:
         self._middle_scale = np.concatenate(scales)
         self._to_middle = self._from_start(np.eye(3 * self.n + 1), 0.5) * self._middle_scale
         self._sigma_min = (bounds.least_duration / reference) ** 2
-        self._tie_weight = REGULARIZATION / (intervals * hold.controls * self.n)
+        self._tie_weight = REGULARIZATION[hold] / (intervals * hold.controls * self.n)
         self.nonlinear_rows: npt.NDArray[np.bool_] = np.arange(self.layout.inequalities) < self.layout.wrench_rows
 
     # --- points -------------------------------------------------------------------------------

@@ -23,6 +23,7 @@ __all__ = ["SQP", "SQPSettings"]
 
 ARMIJO_SLOPE = 1e-4  # Nocedal & Wright 2006, eq. (3.4)
 SHORTEST_STEP = 1e-3
+MOST_CORRECTIONS = 4  # of a refused step, while each halves the violation (as in IPOPT, Waechter & Biegler 2006)
 RELAXATION_GROWTH = 10.0  # of rho, when the relaxed QP keeps a slack
 LEAST_RELAXATION, LARGEST_RELAXATION = 10.0, 1e5
 MOST_CONDENSED = 600  # free variables up to which a backend for sparse QPs gets curved ones condensed
@@ -62,8 +63,8 @@ class SQP:
     * Globalisation: weights above the multipliers' dual norms make the QP step a descent direction of the penalty, so
       limit points are Karush-Kuhn-Tucker points or stationary points of the violation (Han 1977; Nocedal & Wright
       2006, chapter 18).
-    * Second-order correction: a full step that is refused while it raises the violation is corrected once with the
-      constraints' values at its end, which undoes the Maratos effect.
+    * Second-order correction: a full step that is refused while it raises the violation is corrected with the
+      constraints' values at its end, up to four times while each halves it, which undoes the Maratos effect.
     * Curvature: the exact Hessian of the Lagrangian, convexified in the null space of the active rows (`convexified`),
       computed only where multipliers of nonlinear rows make it count (equalities: of those whose gradients change).
     * A QP without solution is solved again with a slack on its nonlinear rows; if the slack stays although its price
@@ -253,9 +254,16 @@ class SQP:
         if merit.value(full.at) <= start - slope + noise:
             return x + step.dx, full, 1.0, False
         if full.at.is_finite() and full.at.violation > lin.at.violation:
-            dx = self._corrected(lin, full.at, step, subproblem, model)
-            if dx is not None and merit.value(nlp.evaluate(x + dx)) <= start - slope + noise:
-                return x + dx, nlp.linearize(x + dx), 1.0, True
+            end, dx = full.at, step.dx
+            for _ in range(MOST_CORRECTIONS):
+                before, corrected = end.violation, self._corrected(lin, end, dx, step, subproblem, model)
+                if corrected is None:
+                    break
+                dx, end = corrected, nlp.evaluate(x + corrected)
+                if merit.value(end) <= start - slope + noise:
+                    return x + dx, nlp.linearize(x + dx), 1.0, True
+                if not end.is_finite() or end.violation > 0.5 * before:
+                    break
         length = 0.5
         while length >= SHORTEST_STEP:
             candidate = x + length * step.dx
@@ -265,10 +273,10 @@ class SQP:
         return None
 
     def _corrected(
-        self, lin: Linearization, end: Evaluation, step: Step, subproblem: Subproblem, model: Model
+        self, lin: Linearization, end: Evaluation, dx: Array, step: Step, subproblem: Subproblem, model: Model
     ) -> Array | None:
-        """Step whose constraints carry the values found at the end of the refused one."""
-        equalities, inequalities = end.equalities - lin.A @ step.dx, end.inequalities - lin.C @ step.dx
+        """Step whose constraints carry the values found at the end of the refused one, dx."""
+        equalities, inequalities = end.equalities - lin.A @ dx, end.inequalities - lin.C @ dx
         shifted = replace(lin, at=replace(lin.at, equalities=equalities, inequalities=inequalities))
         again = Subproblem(shifted, subproblem.nonlinear, self.backend, self.fallback)
         correction = again.solve(model, previous=(step.y, step.z))
