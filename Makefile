@@ -31,13 +31,14 @@ check: venv  ## linter, formatter, types
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy --strict zmp_sqp
 
-bench: venv  ## speed, robustness, comparison with IPOPT, printed as tables
+bench: venv  ## speed, robustness, comparisons with IPOPT and MuJoCo, printed as tables
 	$(BIN)/python -m benchmarks.speed
 	$(BIN)/python -m benchmarks.random_problems
 	$(BIN)/python -m benchmarks.driving_problems
 	$(BIN)/python -m benchmarks.terrain_drives
 	$(BIN)/python -m benchmarks.memory
 	$(BIN)/python -m benchmarks.peer_ipopt
+	$(BIN)/python -m benchmarks.replay
 
 clean:  ## remove the virtual environment and everything made by these targets
 	rm -rf .venv out dist build .pytest_cache .hypothesis .mypy_cache .ruff_cache

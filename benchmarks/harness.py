@@ -20,7 +20,7 @@ import zmp_sqp as zs
 
 __all__ = ["console", "distribution", "measure_F", "print_table", "save_json", "versions"]
 
-PACKAGES = ("numpy", "scipy", "pin", "proxsuite", "piqp", "qpsolvers", "clarabel", "daqp", "casadi")
+PACKAGES = ("numpy", "scipy", "pin", "proxsuite", "piqp", "qpsolvers", "clarabel", "daqp", "casadi", "mujoco")
 EVALUATIONS = 100  # one F: both ends of 50 intervals
 QUANTILES = (("min", 0), ("25 %", 25), ("50 %", 50), ("75 %", 75), ("90 %", 90), ("99 %", 99), ("max", 100))
 

@@ -51,6 +51,7 @@ LAYERS = {  # what a half may import besides itself and the foundation
     "zmp_sqp.mechanics": (),
     "zmp_sqp.sqp": (),
     "zmp_sqp.planning": ("zmp_sqp.mechanics", "zmp_sqp.sqp"),
+    "zmp_sqp.simulation": ("zmp_sqp.mechanics", "zmp_sqp.planning"),
 }
 
 
@@ -87,6 +88,7 @@ LEAVES = (
     "zmp_sqp.paper_tables",
     "zmp_sqp.plots",
     "zmp_sqp.plots_base",
+    "zmp_sqp.replay_command",
     "zmp_sqp.report",
     "zmp_sqp.scenario",
 )

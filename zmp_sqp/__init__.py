@@ -6,6 +6,7 @@ The road of the data runs one way: URDF -> Machine -> Problem -> QPs -> Trajecto
 from zmp_sqp.errors import (
     ContactLost,
     MachineError,
+    MissingExtra,
     NotSolved,
     ProblemError,
     ScenarioError,
@@ -50,6 +51,7 @@ from zmp_sqp.planning import (
     slew_insight,
     trajectory_zmp,
 )
+from zmp_sqp.simulation import Replay, replay
 
 __version__ = "0.1.0"
 
@@ -64,11 +66,13 @@ __all__ = [
     "JointLimits",
     "Machine",
     "MachineError",
+    "MissingExtra",
     "NotSolved",
     "Payload",
     "Plan",
     "Problem",
     "ProblemError",
+    "Replay",
     "ScenarioError",
     "SlewInsight",
     "Slope",
@@ -89,6 +93,7 @@ __all__ = [
     "phase_plane",
     "plan",
     "plan_base",
+    "replay",
     "shipped_machines",
     "slew_insight",
     "stability_margin",

@@ -1,4 +1,4 @@
-"""Command line: `zmp-sqp plan SCENARIO`, `zmp-sqp paper`, `zmp-sqp check URDF TRAJECTORY.csv`."""
+"""Command line: `zmp-sqp plan`, `zmp-sqp paper`, `zmp-sqp check`, `zmp-sqp replay`."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from zmp_sqp.errors import ZmpSqpError
 from zmp_sqp.paper_command import PAPER_FILES, PAPER_KEYS, run_paper
 from zmp_sqp.planning import Plan, Problem, Trajectory, diagnose, phase_plane, plan
 from zmp_sqp.plots import joint_unit, plot_joints, plot_zmp
+from zmp_sqp.replay_command import add_replay
 from zmp_sqp.report import RESULT_KEYS, history_table, joint_table, make_result, summary_table
 from zmp_sqp.scenario import load_scenario, shipped_scenarios
 
@@ -110,6 +111,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--verbose", action="store_true", help="print every iteration of the SQP")
     _add_paper(commands)
     add_check(commands, EXIT_CODES)
+    add_replay(commands, f"{shipped}\n", EXIT_CODES)
     return parser
 
 

@@ -3,6 +3,7 @@
 __all__ = [
     "ContactLost",
     "MachineError",
+    "MissingExtra",
     "NotSolved",
     "ProblemError",
     "ScenarioError",
@@ -33,6 +34,10 @@ class ScenarioError(ZmpSqpError):
 
 class ContactLost(ZmpSqpError):
     """The ground would have to pull (n . f <= 0): there is no zero moment point."""
+
+
+class MissingExtra(ZmpSqpError):
+    """An optional package is not installed; the message says how to install it."""
 
 
 class NotSolved(ZmpSqpError):

@@ -170,10 +170,10 @@ def _margin(motion: Mapping[str, Any]) -> str | Text:
     return Text(text, style="" if margin is not None and round(margin, 4) >= 0.0 else "bold red")
 
 
-def versions() -> dict[str, str]:
-    """Of this program, of Python, and of what it stands on."""
+def versions(*extras: str) -> dict[str, str]:
+    """Of this program, of Python, of what it stands on, and of these packages."""
     versions = {"zmp-sqp": __version__, "python": platform.python_version()}
-    for package in PACKAGES:
+    for package in (*PACKAGES, *extras):
         with suppress(metadata.PackageNotFoundError):
             versions[package] = metadata.version(package)
     return versions

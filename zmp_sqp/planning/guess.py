@@ -35,9 +35,16 @@ def kinematic_lower_bound(
 
 
 def initial_guess(
-    model: StageModel, start: Boundary, goal: Boundary, bounds: PathBounds, *, intervals: int, least_duration: float,
-    route: Array | None = None, smooth: bool = False,
-) -> tuple[Array, float]:  # fmt: skip
+    model: StageModel,
+    start: Boundary,
+    goal: Boundary,
+    bounds: PathBounds,
+    *,
+    intervals: int,
+    least_duration: float,
+    smooth: bool = False,
+    route: Array | None = None,
+) -> tuple[Array, float]:
     """Accelerations T^2 a, shape (N, n), and duration T [s] of a motion from start to goal.
 
     From rest to rest it is the synchronised bang-coast-bang motion on the grid, at its least duration unless the ZMP
@@ -50,8 +57,8 @@ def initial_guess(
         bounds: Limits and wrench rows.
         intervals: N.
         least_duration: Proven lower bound on this grid [s].
-        route: Places where a base begins and ends, shape (2, 2) [m]; None stands still.
         smooth: The cubic from rest to rest, too.
+        route: Places where a base begins and ends, shape (2, 2) [m]; None stands still.
     """
     at_rest = not (start.v.any() or goal.v.any() or smooth)
     duration = least_duration if at_rest else 1.05 * least_duration

@@ -142,8 +142,8 @@ def plan(
             bounds,
             intervals=problem.intervals,
             least_duration=slower * least,
-            route=route,
             smooth=smooth,
+            route=route,
         )
         found = solve(bounds, alpha[:, None], duration**2, iterations=iterations)
         best = found if best is None or _is_better(found, best) else best

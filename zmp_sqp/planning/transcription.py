@@ -72,9 +72,8 @@ class Transcription:
     """
 
     def __init__(
-        self, model: StageModel, start: Boundary, goal: Boundary, bounds: PathBounds, *, intervals: int, reference:
-            float,
-        hold: Hold = CONSTANT, ties: sp.csr_array | None = None,
+        self, model: StageModel, start: Boundary, goal: Boundary, bounds: PathBounds, *, intervals: int,
+        reference: float, hold: Hold = CONSTANT, ties: sp.csr_array | None = None,
     ) -> None:  # fmt: skip
         """Transcribe.
 
@@ -198,11 +197,9 @@ class Transcription:
         roots = z[layout.rate_rows].reshape(-1, self.n).sum(axis=0) @ self._rate_share
         roots += y[self.n :] @ self._goal_rate if len(y) else 0.0
         diagonal[-1] = 0.25 * roots / sigma**1.5
-        if convex:
-            diagonal[-1] = max(diagonal[-1], 0.0)
+        diagonal[-1] = max(diagonal[-1], 0.0) if convex else diagonal[-1]
         weights = self._point_weights(z, convex=convex)
-        active = np.flatnonzero(weights.any(axis=1))
-        if not len(active):
+        if not len(active := np.flatnonzero(weights.any(axis=1))):
             return sp.csr_array(sp.diags_array(diagonal))
         states_q, states_w, alpha, S = self._states(x)
         at = states_q[active], states_w[active], alpha[active]
@@ -243,8 +240,8 @@ class Transcription:
         N = self.N
         weights = z[self.nonlinear_rows].reshape(3 * N, -1)
         starts, ends, controls = weights[:N], weights[N : 2 * N], weights[2 * N :]
-        share_start, share_end, share_middle = (1.0, 0.0, 0.0) if convex else (-0.5, -0.5, 2.0)
-        return np.vstack([starts + share_start * controls, ends + share_end * controls, share_middle * controls])
+        shares = (1.0, 0.0, 0.0) if convex else (-0.5, -0.5, 2.0)
+        return np.vstack([starts + shares[0] * controls, ends + shares[1] * controls, shares[2] * controls])
 
     def _from_start(self, slopes: Array, s: float) -> Array:
         """Derivatives by (q, w, alpha, S) at share s of the intervals, by (q, w, controls, S) at their starts."""
@@ -286,14 +283,12 @@ class Transcription:
         if self._start_rate.any():
             Z = Z.copy()
             Z[layout.rates, -1] = np.tile(root_slope * self._start_rate, N + 1)
-            Z[layout.positions, -1] = np.outer(
-                np.arange(N + 1) / N, self.rate_scale * root_slope * self._start_rate
-            ).ravel()
-        gaps = equalities[: layout.eliminated]
-        d = np.zeros(layout.size)
+            first = self.rate_scale * root_slope * self._start_rate
+            Z[layout.positions, -1] = np.outer(np.arange(N + 1) / N, first).ravel()
+        gaps, d = equalities[: layout.eliminated], np.zeros(layout.size)
         if np.abs(gaps).max() > 0.0:
-            first_q, gap_q = gaps[:n] / self._position_weight, gaps[2 * n : 2 * n + N * n].reshape(N, n)
-            first_w, gap_w = gaps[n : 2 * n], gaps[2 * n + N * n :].reshape(N, n)
+            first_q, first_w = gaps[:n] / self._position_weight, gaps[n : 2 * n]
+            gap_q, gap_w = gaps[2 * n :].reshape(2, N, n)
             dw = -(first_w + np.vstack([np.zeros(n), np.cumsum(gap_w, axis=0)]))
             moved = self.rate_scale * dw[:-1] / N - gap_q / self._position_weight
             d[layout.positions] = (np.vstack([np.zeros(n), np.cumsum(moved, axis=0)]) - first_q).ravel()
