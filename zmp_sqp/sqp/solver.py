@@ -153,8 +153,7 @@ class SQP:
                     x, lin = back
                     record("restoration", inner=0, rows=int((z > 0.0).sum()), length=1.0)
                     continue
-            misses = nonlinear if merit.breaks_ties else np.ones_like(nonlinear)
-            subproblem = Subproblem(lin, nonlinear, self.backend, self.fallback, misses=misses)
+            subproblem = Subproblem(lin, nonlinear, self.backend, self.fallback, restoring=not merit.breaks_ties)
             gradients = subproblem.equality_gradients
             weight = float(z[nonlinear].sum())
             if previous_gradients is not None:

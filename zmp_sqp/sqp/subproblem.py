@@ -22,7 +22,8 @@ Multipliers = tuple[Array, Array]
 PRIMAL_TOLERANCE = 1e-7  # of a QP solution that is believed, scaled units
 DUAL_TOLERANCE = 1e-5  # likewise
 SCREEN = 0.05  # rows closer to their bound than this are in the first working set
-MISSED = 0.1  # of the current violation: rows that a step misses by less wait for the next linearisation
+MISSED = 0.1  # of the current violation: nonlinear rows that a step misses by less wait for the next linearisation
+MISSED_RESTORING = 0.2  # likewise any row, where nothing is left to optimise
 ADDED = 1e-9  # rows that a screened solution violates by more join the working set
 MAX_ROUNDS = 12  # of adding violated rows
 LARGE = 300  # rows from which on the fallback is faster, docs/notes.md; ProxQP aborts the process at some thousands
@@ -86,11 +87,12 @@ class Subproblem:
 
     def __init__(
         self, lin: Linearization, nonlinear: Mask, backend: QPBackend, fallback: QPBackend | None,
-        *, misses: Mask | None = None,
+        *, restoring: bool = False,
     ) -> None:  # fmt: skip
-        """Condense the linearisation if it has a basis; `misses`: rows that may be missed by little."""
+        """Condense the linearisation if it has a basis; `restoring`: nothing is left to optimise."""
         self.lin, self.nonlinear = lin, nonlinear
-        self._misses = nonlinear if misses is None else misses
+        share = np.where(nonlinear, MISSED, 0.0) if not restoring else np.full(len(nonlinear), MISSED_RESTORING)
+        self._missed = np.maximum(share * lin.at.violation, ADDED)
         self._backends = [backend] if fallback is None else [backend, fallback]
         self._for_whole = [b for b in self._backends if b.wants_sparse] if _spans_all(lin) else []
         self._handed_over = False
@@ -193,7 +195,7 @@ class Subproblem:
                 break
             over = np.where(working, 0.0, self.lin.C @ dx + self.lin.at.inequalities - t * self.nonlinear)
             added = over > ADDED
-            if not (over > np.where(self._misses, max(ADDED, MISSED * self.lin.at.violation), ADDED)).any():
+            if not (over > self._missed).any():
                 break
             working = self._working = working | added
             if hands_over and self._is_large():
