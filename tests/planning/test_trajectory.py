@@ -193,7 +193,7 @@ def test_json_of_a_bare_joint_trajectory_with_joints_in_another_order_is_read(tm
         (lambda content: content["points"][1]["positions"].__setitem__(0, 10**400), "point 1: positions"),
         (lambda content: content["points"][1]["positions"].__setitem__(0, float("nan")), "must be finite"),
         (lambda content: content["points"][1].update(time=True), "point 1: time must be a number"),
-        (lambda content: content["points"][1].update(time=-1.0), "times must start at 0 and grow"),
+        (lambda content: content["points"][1].update(time=-1.0), "time says -1.0 s, but time_from_start"),
         (lambda content: content["points"][1].update(jerks=None), "point 1: jerks must"),
         (lambda content: content["points"][2].update(base={}), "base must be an object at every point"),
         (lambda content: [p.update(base={"x": 0.0}) for p in content["points"]], "point 0: base y must be a number"),

@@ -24,6 +24,7 @@ __all__ = ["Heightmap"]
 
 RIM = 1e-3  # [m] beyond the outermost samples that count as on the map: solvers keep bounds to a tolerance only
 ORIGIN = (0.0, 0.0)
+MOST_PLACES = 200_000  # looked at under the tracks along a path, but at least two per edge and step
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -220,7 +221,8 @@ class Heightmap:
 
         .. math:: \max_{s \in [0, 1]} |II(s u)[u, u]| / 2     (Taylor's remainder; II is the second fundamental form)
 
-        It is taken towards every corner and the middle of every edge, at the resolution of the map.
+        It is taken towards points of the edges, at the resolution of the map; on long paths, where many poses look at
+        the same ground, towards fewer of them.
 
         Args:
             support: Where the tracks are, in the root frame.
@@ -232,8 +234,12 @@ class Heightmap:
         """
         poses = np.asarray(poses, dtype=np.float64)
         corners = support.vertices
-        reach = np.concatenate([corners, 0.5 * (corners + np.roll(corners, -1, axis=0))])  # (U, 2)
-        steps = np.linspace(0.0, 1.0, 2 + int(np.linalg.norm(reach, axis=1).max() / self.resolution))
+        edges = np.roll(corners, -1, axis=0) - corners
+        steps = np.linspace(0.0, 1.0, 2 + int(np.linalg.norm(corners, axis=1).max() / self.resolution))
+        wanted = 2 + int(np.linalg.norm(edges, axis=1).max() / self.resolution)
+        affordable = max(2, MOST_PLACES // (len(poses) * len(corners) * len(steps)))
+        shares = np.linspace(0.0, 1.0, min(wanted, affordable), endpoint=False)
+        reach = (corners[:, None] + shares[:, None] * edges[:, None]).reshape(-1, 2)  # (U, 2)
         _, rotations = self.base_pose(poses)
         ways = np.einsum("pij,uj->pui", rotations[:, :2, :2], reach)  # on the map, (P, U, 2)
         places = poses[:, None, None, :2] + steps[:, None] * ways[:, :, None, :]  # (P, U, steps, 2)

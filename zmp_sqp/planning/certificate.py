@@ -9,7 +9,7 @@ import numpy as np
 
 from zmp_sqp.arrays import Array, finite_number, frozen_array
 from zmp_sqp.errors import ProblemError
-from zmp_sqp.mechanics.ground import Ground
+from zmp_sqp.mechanics.ground import GRAVITY, Ground
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.motion_bounds import WrenchBound, wrench_bounds, wrench_curvature_bound
 from zmp_sqp.mechanics.wrench import ground_reaction
@@ -108,8 +108,11 @@ def certify(
     if trajectory.base is not None:
         check_tracks(trajectory.base, machine.support)  # type: ignore[arg-type]
     check_drift(trajectory)
-    required = finite_number(margin, name="margin", error=ProblemError)
-    gravity = frozen_array(ground.gravity(), name="gravity", shape=(3,), error=ProblemError)
+    if (required := finite_number(margin, name="margin", error=ProblemError)) < 0.0:
+        raise ProblemError(f"margin must not be negative, not {margin} m")
+    # a base that drives looks under itself; here only the strength counts, the same everywhere
+    here = ground.gravity() if trajectory.base is None or trajectory.base.ground.uniform else (0.0, 0.0, -GRAVITY)
+    gravity = frozen_array(here, name="gravity", shape=(3,), error=ProblemError)
     excess, relative = limit_excess(machine, trajectory)
     kept = relative <= LIMIT_TOLERANCE
     if base is not None:

@@ -39,9 +39,10 @@ def stage_model(problem: Problem) -> StageModel:
 
 
 def _stage_model(problem: Problem, corner: Corner) -> StageModel:
-    machine, gravity = corner.machine, corner.ground.gravity()
+    machine = corner.machine
     if problem.base is not None:
         return DrivingModel(machine, terrain_of(corner.ground))
+    gravity = corner.ground.gravity()
     if problem.distance_limits is None:
         return ArmModel(machine, gravity, problem.coordinates)
     lumped = LumpedMass.of(problem.machine, problem.coordinates)

@@ -155,6 +155,9 @@ class Problem:
 
     def _check_base(self) -> None:
         if self.base is None:
+            if isinstance(self.ground, Terrain) and not self.ground.uniform and self.machine.support is not None:
+                self.ground.check_on(np.zeros((1, 2)))
+                self.ground.check_followable(self.machine.support, np.zeros((1, 3)))
             return
         if not isinstance(self.base, UnicycleBase):
             raise ProblemError(f"base must be a UnicycleBase, not {type(self.base).__name__}")

@@ -128,7 +128,8 @@ def trajectory_zmp(machine: Machine, trajectory: Trajectory, t: Any, ground: Gro
     trajectory, height = followed(trajectory, ground), 0.0 if machine.support is None else machine.support.height
     states = trajectory(np.atleast_1d(t))
     k, since = trajectory.place_in(np.atleast_1d(np.asarray(t, dtype=np.float64)))
-    twist, root = root_motion(trajectory, ground.gravity(), k, since, height=height)
+    gravity = ground.gravity() if trajectory.base is None else np.zeros(3)  # a base has its own ground
+    twist, root = root_motion(trajectory, gravity, k, since, height=height)
     wrench = ground_reaction(machine, *states, root_acceleration=root, root_velocity=twist)
     points = zmp_of_wrench(wrench, height)
     return points[0] if np.shape(t) == () else points

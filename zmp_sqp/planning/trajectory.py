@@ -207,7 +207,7 @@ class Trajectory:
         names = machine.joint_names
         wanted = ["time", *(f"{joint}.{quantity}" for quantity in QUANTITIES for joint in names)]
         try:
-            with Path(path).open(newline="", encoding="utf-8") as file:
+            with Path(path).open(newline="", encoding="utf-8-sig") as file:
                 rows = [row for row in csv.reader(file) if row]
         except (OSError, UnicodeDecodeError, csv.Error) as cause:
             raise TrajectoryError(f"cannot read {path}: {cause}") from None
@@ -228,6 +228,8 @@ class Trajectory:
         table = np.empty((len(rows) - 1, len(header)))
         for number, row in enumerate(rows[1:]):
             try:
+                if len(row) != len(header):
+                    raise ValueError(f"it has {len(row)} entries")
                 table[number] = [float(entry) for entry in row]
             except ValueError as cause:
                 raise TrajectoryError(f"{path}: row {number + 2} is not {len(header)} numbers: {cause}") from None

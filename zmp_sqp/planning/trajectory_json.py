@@ -18,6 +18,7 @@ __all__ = ["read_json", "write_json"]
 
 FIELDS = ("positions", "velocities", "accelerations", "jerks")  # the last is ours
 BASE_FIELDS = tuple(name.removeprefix("base.") for name in BASE_COLUMNS)
+STAMP = 2e-9  # [s, relative above one] by which nanoseconds may be off
 MAY_BE_ABSENT = ("jerks", "jerk", "yaw_jerk")  # zero then
 
 
@@ -92,13 +93,19 @@ def read_json(
 
 
 def _time(point: Mapping[str, Any], where: str) -> float:
+    exact = None
     if "time" in point:
-        return finite_number(point["time"], name=f"{where}: time", error=TrajectoryError)
+        exact = finite_number(point["time"], name=f"{where}: time", error=TrajectoryError)
     stamp = point.get("time_from_start")
+    if exact is not None and stamp is None:
+        return exact
     if not isinstance(stamp, dict):
         raise TrajectoryError(f"{where}: time_from_start must be an object with sec and nanosec")
     seconds, nanoseconds = (_entry(stamp, key, f"{where}: time_from_start ") for key in ("sec", "nanosec"))
-    return seconds + 1e-9 * nanoseconds
+    rounded = seconds + 1e-9 * nanoseconds
+    if exact is not None and abs(exact - rounded) > STAMP * (1.0 + abs(exact)):
+        raise TrajectoryError(f"{where}: time says {exact} s, but time_from_start {rounded} s")
+    return rounded if exact is None else exact
 
 
 def _column(points: Sequence[Mapping[str, Any]], field: str, size: int, path: str) -> Array:

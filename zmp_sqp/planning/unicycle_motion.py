@@ -21,6 +21,7 @@ BASE_COLUMNS = (
 )  # fmt: skip
 CONSISTENCY = 1e-6  # [m, rad, per second] how far a file's nodes may be from what its accelerations give
 ARRIVAL = 1e-3  # [m or rad] farthest from the goal that counts as there
+RATE_ARRIVAL = 1e-6  # [m/s, rad/s, relative above one]
 CORRIDOR = 1e-6  # [m] farthest outside x and y bounds at a node
 PLANE = Slope()
 PLANAR = " in a plane; if it drove over a heightmap, give that as its ground"
@@ -178,7 +179,8 @@ class UnicycleMotion:
 def base_excess(base: UnicycleBase, motion: UnicycleMotion) -> float:
     """Largest excess over speed and acceleration limits at any time, in closed form; infinite if it does not arrive.
 
-    Arriving means start and goal pose within 1 mm and 1 mrad, and x, y bounds kept at the nodes.
+    Arriving means start and goal pose within 1 mm and 1 mrad, speed and yaw rate there within 1e-6, and x, y bounds
+    kept at the nodes.
     """
     v, a, j, h = motion.velocities, motion.accelerations, motion.jerks, np.diff(motion.times)[:, None]
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -190,7 +192,9 @@ def base_excess(base: UnicycleBase, motion: UnicycleMotion) -> float:
     off = np.abs(motion.poses[[0, -1]] - np.vstack([base.start, base.goal]))
     places = motion.poses[:, :2]
     outside = max(float((places - upper).max()), float((lower - places).max()))
-    if off.max() > ARRIVAL or outside > CORRIDOR:
+    asked = np.vstack([base.start_velocity, base.goal_velocity])
+    late = np.abs(v[[0, -1]] - asked) > RATE_ARRIVAL * (1.0 + np.abs(asked))
+    if off.max() > ARRIVAL or late.any() or outside > CORRIDOR:
         return np.inf
     return float(max((np.abs(rates) - limits.velocity).max(), (np.abs(pushes) - limits.acceleration).max()))
 
