@@ -70,10 +70,11 @@ def test_stamps_that_contradict_the_times_are_refused(tmp_path: Path) -> None:
         zs.Trajectory.from_json(path, machine)
 
 
-def test_a_negative_margin_is_no_margin() -> None:
+def test_a_motion_that_tips_the_machine_is_not_safe_whatever_margin_is_asked_for() -> None:
     machine = paper_scene().load()
-    with pytest.raises(zs.ProblemError, match="margin must not be negative"):
-        zs.certify(machine, zs.phase_plane(machine, PAPER_START, PAPER_GOAL), zs.Slope(), margin=-5.0)
+    found = zs.certify(machine, zs.phase_plane(machine, PAPER_START, PAPER_GOAL), paper_scene().ground, margin=-5.0)
+    assert -5.0 < found.margin < -0.3
+    assert not found.safe
 
 
 def test_rows_of_the_wrong_length_are_refused_and_a_byte_order_mark_is_not(tmp_path: Path) -> None:

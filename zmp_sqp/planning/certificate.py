@@ -72,8 +72,8 @@ class Certificate:
 
     @property
     def safe(self) -> bool:
-        """Whether the asked margin and the joint limits hold at all times."""
-        return self.margin >= self.required and self.limits_ok
+        """Whether the asked margin, but at least none, and the joint limits hold at all times."""
+        return self.margin >= max(self.required, 0.0) and self.limits_ok
 
 
 def certify(
@@ -108,8 +108,7 @@ def certify(
     if trajectory.base is not None:
         check_tracks(trajectory.base, machine.support)  # type: ignore[arg-type]
     check_drift(trajectory)
-    if (required := finite_number(margin, name="margin", error=ProblemError)) < 0.0:
-        raise ProblemError(f"margin must not be negative, not {margin} m")
+    required = finite_number(margin, name="margin", error=ProblemError)
     # a base that drives looks under itself; here only the strength counts, the same everywhere
     here = ground.gravity() if trajectory.base is None or trajectory.base.ground.uniform else (0.0, 0.0, -GRAVITY)
     gravity = frozen_array(here, name="gravity", shape=(3,), error=ProblemError)
