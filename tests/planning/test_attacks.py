@@ -89,3 +89,11 @@ def test_rows_of_the_wrong_length_are_refused_and_a_byte_order_mark_is_not(tmp_p
         path.write_text("\n".join([lines[0], row, *lines[2:]]), encoding="utf-8")
         with pytest.raises(zs.TrajectoryError, match="row 2 is not"):
             zs.Trajectory.from_csv(path, machine)
+
+
+def test_a_base_arrives_at_goals_nearer_than_a_millimetre_or_the_plan_fails() -> None:
+    machine = paper_scene().load()
+    for goal in ((0.0, 0.0009, 0.0), (0.0009, 0.0, 0.0), (0.0, 0.002, 0.0)):
+        plan = zs.plan(zs.Problem(machine, PAPER_START, PAPER_START, base=base(goal=goal), intervals=20))
+        if plan.success:
+            assert np.abs(plan.trajectory.base(plan.duration)[0] - goal).max() <= 1e-5

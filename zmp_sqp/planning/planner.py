@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -133,7 +134,7 @@ def plan(
         history.extend(result.history)
         return nlp, result
 
-    best: tuple[Program, SQPResult] | None = None
+    tried: list[tuple[Program, SQPResult]] = []
     for slower, smooth, iterations in GUESSES:
         alpha, duration = initial_guess(
             model,
@@ -146,13 +147,13 @@ def plan(
             route=route,
         )
         found = solve(bounds, alpha[:, None], duration**2, iterations=iterations)
-        best = found if best is None or _is_better(found, best) else best
+        tried.append(found)
+        best = reduce(lambda one, other: other if _is_better(other, one) else one, tried)
         if found[1].status in (SQPStatus.BOUND_REACHED, SQPStatus.TIME_LIMIT):
             break
         feasible, slow = best[1].status.is_feasible, best[0].unpack(best[1].x)[3] > (SLOW * lower_bound) ** 2
         if feasible and slower > 1.0 and (smooth or not slow):
             break
-    assert best is not None
     (nlp, result), ties = best, None
     duration = nlp.reference
     if result.status in (SQPStatus.OPTIMAL, SQPStatus.FEASIBLE):

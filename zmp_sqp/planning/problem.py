@@ -26,6 +26,7 @@ MODELS = ("full", "simplified")
 ARRIVAL = 1e-6  # [rad or m, and per second, relative above one] how far a motion may miss what is asked for
 UNCERTAINTIES = (("tipping_fraction", 0.1, 1.0), ("payload_uncertainty", 0.0, 0.9), ("slope_uncertainty", 0.0, 0.5))
 FARTHEST = 1e5  # [rad or m] coordinates beyond it leave too few digits
+BASE_ARRIVAL = 1e-5  # [m or rad] likewise for the pose of a base
 LIMIT_TOLERANCE = 1e-9  # [rad or m] rounding that a start or goal may stand outside its limits
 LIMIT_RANGE = (1e-12, 1e12)  # [rad or m, per second, per second squared] beyond, squares of durations overflow
 
@@ -125,14 +126,17 @@ class Problem:
         return self._coordinates
 
     def is_met_by(self, trajectory: Trajectory) -> bool:
-        """Whether a motion of the joints begins and ends in the states that are asked for."""
+        """Whether a motion of the joints, and of the base, begins and ends in the states that are asked for."""
         for asked, found in (
             ((self.start, self.goal), trajectory.positions),
             ((self.start_velocity, self.goal_velocity), trajectory.velocities),
         ):
             if not (np.abs(found[[0, -1]] - asked) <= ARRIVAL * (1.0 + np.abs(asked))).all():
                 return False
-        return True
+        if self.base is None or trajectory.base is None:
+            return self.base is None and trajectory.base is None
+        off = np.abs(trajectory.base.poses[[0, -1]] - np.vstack([self.base.start, self.base.goal]))
+        return bool((off <= BASE_ARRIVAL).all())
 
     def corners(self, *, every: bool = False) -> tuple[Corner, ...]:
         """Extremes of payload and slope that the motion must be safe for; one if nothing is uncertain.

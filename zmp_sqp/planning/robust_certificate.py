@@ -20,10 +20,10 @@ def certify_for(problem: Problem, trajectory: Trajectory) -> Certificate:
         problem: With its margin, its base and what is uncertain.
         trajectory: The motion.
     """
-    least: Certificate | None = None
-    for corner in problem.corners(every=True):
-        found = certify(corner.machine, trajectory, corner.ground, problem.margin, base=problem.base)
-        if least is None or found.margin < least.margin:
-            least = replace(found, corner=corner.text)
-    assert least is not None
-    return least
+    found = [
+        replace(
+            certify(corner.machine, trajectory, corner.ground, problem.margin, base=problem.base), corner=corner.text
+        )
+        for corner in problem.corners(every=True)
+    ]
+    return min(found, key=lambda certificate: certificate.margin)

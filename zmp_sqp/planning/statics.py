@@ -67,8 +67,7 @@ def check_at_rest(name: str, corners: tuple[Corner, ...], q: Array, *, pose: Arr
         over, edge, point = place.outside(corner.machine, corner.ground)
         if over <= TOLERANCE or corner.machine.support is None:
             continue
-        kept = f" less the margin of {margin:.3g} m" if margin else ""
-        extreme = f" with {corner.text}" if corner.text else ""
+        extreme, kept = _circumstances(corner, margin)
         raise ProblemError(
             f"the machine tips over at rest at the {name}{extreme}: its ZMP ({point[0]:.3f}, {point[1]:.3f}) m lies "
             f"{over:.3f} m outside the {corner.machine.support.edge_name(edge)} edge of the support polygon{kept}"
@@ -98,13 +97,17 @@ def check_in_motion(name: str, corners: tuple[Corner, ...], q: Array, v: Array, 
         best = rows @ found.wrench[0] - np.abs(rows @ found.wrt_acceleration[0, :, 6:]) @ machine.limits.acceleration
         edge = int(np.argmax(best))
         if best[edge] > TOLERANCE * abs(found.wrench[0, 2]):
-            kept = f" less the margin of {margin:.3g} m" if margin else ""
-            extreme = f" with {corner.text}" if corner.text else ""
+            extreme, kept = _circumstances(corner, margin)
             raise ProblemError(
                 f"the machine tips over at the {name}{extreme} whatever its joints do within their acceleration "
                 f"limits: at these rates the ZMP leaves the {machine.support.edge_name(edge)} edge of the support "
                 f"polygon{kept}"
             )
+
+
+def _circumstances(corner: Corner, margin: float) -> tuple[str, str]:
+    """Payload and slope, and the margin, in words; empty where there is nothing to say."""
+    return f" with {corner.text}" if corner.text else "", f" less the margin of {margin:.3g} m" if margin else ""
 
 
 def gravity_under(ground: Ground, pose: Array | None) -> Array:

@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from zmp_sqp.arrays import Array
+from zmp_sqp.errors import MachineError
 from zmp_sqp.mechanics.ground import GRAVITY, Ground
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.simulation.engine import load_mujoco
@@ -61,7 +62,8 @@ def multibody_spec(
     """
     mujoco = load_mujoco()
     support, model = machine.support, machine.model
-    assert support is not None  # `replay` has looked
+    if support is None:
+        raise MachineError(f"machine {machine.name!r} has no support polygon to stand on")
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
     spec.option.timestep, spec.option.gravity = time_step, ground.gravity()
