@@ -14,7 +14,6 @@ from tests.checks import check_feasibility
 from tests.problems import PAPER_START, NamedProblem, double_integrator, paper_1, paper_scene, random_problem, slider
 
 SAFE = 1e-6
-REPEATABLE = "qpsolvers:piqp"  # the same bits every time
 
 
 def solved(named: NamedProblem) -> zs.Plan:
@@ -164,7 +163,7 @@ def test_a_time_budget_is_kept_and_ends_in_a_safe_plan_or_in_its_status(budget: 
 
 def test_a_large_time_budget_changes_nothing() -> None:
     problem = random_problem(29).problem
-    with_budget, without = zs.plan(problem, REPEATABLE, time_budget=1e6), zs.plan(problem, REPEATABLE)
+    with_budget, without = zs.plan(problem, time_budget=1e6), zs.plan(problem)
     assert bits(with_budget) == bits(without)
 
 
@@ -184,36 +183,28 @@ def bits(plan: zs.Plan) -> bytes:
     return b"".join(array.tobytes() for array in arrays)
 
 
-def test_the_same_call_twice_gives_the_same_bits() -> None:
-    problem = random_problem(29).problem
-    assert bits(zs.plan(problem, REPEATABLE)) == bits(zs.plan(problem, REPEATABLE))
+@pytest.mark.parametrize("qp_solver", ["proxqp", "piqp"])
+def test_the_same_call_twice_gives_the_same_bits(qp_solver: str) -> None:
+    """Whatever lay in memory before: ProxQP's own sums depend on where it begins, and gave two results, 1e-13 apart."""
+    problem, rng = random_problem(29).problem, np.random.default_rng(0)
+    first, litter = bits(zs.plan(problem, qp_solver)), []
+    for _ in range(12):
+        litter.append(np.empty(rng.integers(100_000, 3_000_000) // 16 * 16, dtype=np.uint8))
+        if len(litter) > 3:
+            del litter[rng.integers(3)]
+        assert bits(zs.plan(problem, qp_solver)) == first
 
 
-def test_the_same_call_twice_gives_the_same_plan_by_default() -> None:
-    """ProxQP's own sums depend on where its memory happens to begin: the same data gave two results, 1e-13 apart."""
-    one, other = (zs.plan(random_problem(29).problem) for _ in range(2))
-    assert one.iterations == other.iterations
-    same_plan(one, other)
-
-
-def same_plan(one: zs.Plan, other: zs.Plan) -> None:
-    """As fast to ten digits; joints with slack, which only a light tie breaker holds, within a milliradian."""
-    assert one.status is other.status
-    np.testing.assert_allclose(one.trajectory.times, other.trajectory.times, atol=1e-8)
-    np.testing.assert_allclose(one.trajectory.positions, other.trajectory.positions, atol=1e-3)
-
-
-@pytest.mark.parametrize("qp_solver", [REPEATABLE, "proxqp"])
-def test_four_threads_at_once_give_what_one_gives(qp_solver: str) -> None:
+@pytest.mark.parametrize("qp_solver", ["proxqp", "piqp"])
+def test_eight_threads_at_once_give_the_same_bits_as_one(qp_solver: str) -> None:
     """Different problems of the same size at the same time, so that shared state would be mixed up."""
     problems = [random_problem(seed).problem for seed in (29, 63, 109, 101)]
+    problems.append(paper_1().problem)
     alone = [zs.plan(problem, qp_solver) for problem in problems]
-    with ThreadPoolExecutor(4) as pool:
-        together = list(pool.map(lambda problem: zs.plan(problem, qp_solver), problems * 2))
-    for one, other in zip(alone * 2, together, strict=True):
-        if qp_solver == REPEATABLE:
-            assert bits(one) == bits(other)
-        same_plan(one, other)
+    with ThreadPoolExecutor(8) as pool:
+        together = list(pool.map(lambda problem: zs.plan(problem, qp_solver), problems * 3))
+    for one, other in zip(alone * 3, together, strict=True):
+        assert bits(one) == bits(other)
 
 
 def test_planning_leaves_the_problem_alone() -> None:

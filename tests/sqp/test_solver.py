@@ -51,7 +51,8 @@ def test_the_history_tells_what_happened(backend: str) -> None:
     problem = named("HS71")
     result = SQP(make_backend(backend)).minimize(problem, problem.x0)
     last = result.history[-1]
-    assert {record.backend for record in result.history} == {backend}
+    finishers = {"daqp"} if backend == "proxqp" else set()  # takes it on from the active rows of the last QP
+    assert {record.backend for record in result.history} - finishers == {backend}
     assert last.objective == result.at.objective
     assert last.violation == result.at.violation
     assert all(0.0 < record.step <= 1.0 for record in result.history)

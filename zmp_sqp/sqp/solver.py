@@ -219,7 +219,8 @@ class SQP:
             if step.solved and step.z[merit.nonlinear].sum() <= LARGEST_RELAXATION:
                 merit.raise_weights(step)
                 return step
-        rho = max(LEAST_RELAXATION, merit.nu)  # the model's curvature is that of the last multipliers: no higher
+        # the model's curvature is that of the last multipliers: no higher; and nu outgrows each rho that it is paid
+        rho = min(max(LEAST_RELAXATION, merit.nu), LARGEST_RELAXATION)
         while True:
             step = subproblem.solve(model, previous=previous, relaxation_weight=rho)
             if not step.solved or step.relaxation <= self.settings.feasibility or rho >= LARGEST_RELAXATION:
