@@ -253,8 +253,10 @@ BASE = _Schema(
     required=("start", "goal", *BASE_LIMITS),
 )
 UNCERTAINTIES = ("tipping_fraction", "payload_uncertainty", "slope_uncertainty_deg")
+SIDES = _Value("a finite number or 3 of them [x, y, z]", lambda value: _is_number(value) or POINT.accepts(value))
 PLAN = _Schema(
-    {"model": TEXT, "intervals": INTEGER, "margin": NUMBER, "qp_solver": TEXT} | dict.fromkeys(UNCERTAINTIES, NUMBER)
+    {"model": TEXT, "intervals": INTEGER, "margin": NUMBER, "qp_solver": TEXT, "payload_com_uncertainty": SIDES}
+    | dict.fromkeys(UNCERTAINTIES, NUMBER)
 )
 SCHEMA = _Schema(
     {"title": TEXT, "machine": MACHINE, "ground": GROUND, "motion": MOTION, "base": BASE, "plan": PLAN},

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from zmp_sqp.arrays import Array, Indices, finite_number
+from zmp_sqp.arrays import Array, Indices, finite_number, frozen_array
 from zmp_sqp.errors import MachineError
 from zmp_sqp.mechanics.limits import JointLimits
 from zmp_sqp.mechanics.payload import Payload
@@ -103,6 +103,31 @@ class Machine:
         for joint in {frame.parentJoint for frame in _payloads(self.model)}:
             model.inertias[joint] = _sum_of_frames(model, joint)
         return replace(self, model=model)
+
+    def with_payload_moved(self, offset: Any) -> Machine:
+        """The same machine with the centre of mass of its only payload elsewhere, and the inertia about it unchanged.
+
+        Args:
+            offset: From where it is, in the axes of the frame that carries it, shape (3,) [m].
+
+        Raises:
+            MachineError: No payload or several, or an offset that is not three finite numbers.
+        """
+        offset = frozen_array(offset, name="payload offset", shape=(3,), error=MachineError)
+        model = self.model.copy()
+        carried = _payloads(model)
+        if len(carried) != 1:
+            raise MachineError(f"machine {self.name!r} carries {len(carried)} payloads; to move one needs just one")
+        body = carried[0].inertia
+        carried[0].inertia = pin.Inertia(body.mass, body.lever + offset, body.inertia)
+        joint = carried[0].parentJoint
+        model.inertias[joint] = _sum_of_frames(model, joint)
+        return replace(self, model=model)
+
+    @property
+    def payload_count(self) -> int:
+        """Number of bodies that `with_payload` has attached."""
+        return len(_payloads(self.model))
 
     def with_limits(self, *, velocity: Any = None, acceleration: Any = None) -> Machine:
         """The same machine with other velocity or acceleration limits; None keeps what it has.

@@ -12,6 +12,7 @@ from zmp_sqp.errors import ProblemError
 from zmp_sqp.mechanics.ground import GRAVITY, Ground
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.motion_bounds import WrenchBound, wrench_bounds, wrench_curvature_bound
+from zmp_sqp.mechanics.payload_spread import moment_of_spread
 from zmp_sqp.mechanics.wrench import ground_reaction
 from zmp_sqp.planning.double_integrator import minimum_time
 from zmp_sqp.planning.limits_in_time import limit_excess
@@ -77,8 +78,9 @@ class Certificate:
 
 
 def certify(
-    machine: Machine, trajectory: Trajectory, ground: Ground, margin: float = 0.0, *, base: UnicycleBase | None = None
-) -> Certificate:
+    machine: Machine, trajectory: Trajectory, ground: Ground, margin: float = 0.0, *,
+    base: UnicycleBase | None = None, spread: float = 0.0,
+) -> Certificate:  # fmt: skip
     r"""Guaranteed stability margin of any trajectory of the machine, with its base's motion if it has one, ours or not.
 
     Time is cut into stretches. With r = e . p f_z - b f_z of an edge (linear in the wrench) and m the lesser of the two
@@ -95,12 +97,14 @@ def certify(
         ground: What the machine stands on.
         margin: Distance from the edges that is asked for; stretches near it are looked at more closely [m].
         base: Limits, start and goal that the base's motion is held to; x and y bounds at the nodes. None does not look.
+        spread: Mass of a payload times the squared distance by which its centre of mass may be off, where this machine
+            is a corner of what it may be: what `moment_of_spread` says is taken off [kg m^2].
 
     Raises:
         MachineError: No machine, or no support polygon.
-        ProblemError: The trajectory has other joints, margin or gravity are not numbers, or the base moves on ground
-            that is no terrain, off its map, over ground that its tracks cannot follow, or not at all although it has
-            limits.
+        ProblemError: The trajectory has other joints, margin, spread or gravity are not numbers, the spread is
+            negative, or the base moves on ground that is no terrain, off its map, over ground that its tracks cannot
+            follow, or not at all although it has limits.
         TrajectoryError: No trajectory, or one whose nodes drift away from what its accelerations produce.
     """
     check_arguments(machine, trajectory, ground)
@@ -109,6 +113,8 @@ def certify(
         check_tracks(trajectory.base, machine.support)  # type: ignore[arg-type]
     check_drift(trajectory)
     required = finite_number(margin, name="margin", error=ProblemError)
+    if (spread := finite_number(spread, name="spread", error=ProblemError)) < 0.0:
+        raise ProblemError(f"spread must not be negative, not {spread:g} kg m^2")
     # a base that drives looks under itself; here only the strength counts, the same everywhere
     here = ground.gravity() if trajectory.base is None or trajectory.base.ground.uniform else (0.0, 0.0, -GRAVITY)
     gravity = frozen_array(here, name="gravity", shape=(3,), error=ProblemError)
@@ -125,9 +131,9 @@ def certify(
     interval = np.repeat(np.arange(len(steps)), parts)
     share = np.concatenate([np.arange(count) / count for count in parts])
     length = (1.0 / parts)[interval]
-    sampled, at, edge, guaranteed, states = np.inf, 0.0, 0, np.inf, 0
+    sampled, at, edge, guaranteed, best, states = np.inf, 0.0, 0, np.inf, np.inf, 0
     with np.errstate(all="ignore"):  # what overflows is not guaranteed
-        rounding, curvature = _bounds_of_intervals(machine, trajectory, float(np.linalg.norm(gravity)))
+        rounding, curvature = _bounds_of_intervals(machine, trajectory, float(np.linalg.norm(gravity)), spread)
         whole = curvature if steps.max() <= STRETCHES * LONGEST else None
         while len(interval):
             found = _stretches(machine, trajectory, gravity, interval, share, length, rounding, whole)
@@ -135,10 +141,11 @@ def certify(
             worst = int(np.argmin(found.least))
             if found.least[worst] < sampled:
                 sampled, at, edge = float(found.least[worst]), float(found.at[worst]), int(found.edge[worst])
-            undecided = (found.bound < required) & (found.least >= required)
-            loose = (undecided | (found.bound < sampled - LOOSE)) & (found.bound < found.reachable - ROUNDING)
-            enough = np.where(undecided, np.maximum(required, sampled - LOOSE), sampled - LOOSE)
-            parts = np.ceil(np.sqrt(HEADROOM * (found.least - found.bound) / (found.least - enough)))
+            best = min(best, float(found.reachable.min()))
+            undecided = (found.bound < required) & (found.reachable >= required)
+            loose = (undecided | (found.bound < best - LOOSE)) & (found.bound < found.reachable - ROUNDING)
+            enough = np.where(undecided, np.maximum(required, best - LOOSE), best - LOOSE)
+            parts = np.ceil(np.sqrt(HEADROOM * (found.reachable - found.bound) / (found.reachable - enough)))
             parts = np.clip(np.nan_to_num(parts, nan=MOST_PARTS), 2, MOST_PARTS).astype(int)
             if states + int(parts[loose].sum()) > MAX_STATES or not np.isfinite(sampled):
                 loose[:] = False
@@ -158,7 +165,7 @@ def certify(
 class _Stretches:
     """Least margin at the ends of K stretches, when and at which edge, and what is guaranteed inside, (K,) each.
 
-    However finely they are cut, rounding keeps the guarantee below `reachable`.
+    However finely they are cut, rounding and a payload's spread keep the guarantee below `reachable`.
     """
 
     least: Array
@@ -168,12 +175,14 @@ class _Stretches:
     reachable: Array
 
 
-def _bounds_of_intervals(machine: Machine, trajectory: Trajectory, gravity: float) -> tuple[WrenchBound, WrenchBound]:
-    """Largest rounding errors of the wrenches in each of the N intervals and their second derivatives, (N,) each.
+def _bounds_of_intervals(
+    machine: Machine, trajectory: Trajectory, gravity: float, spread: float
+) -> tuple[WrenchBound, WrenchBound]:
+    """Largest errors of the wrenches in each of the N intervals and their second derivatives, (N,) each.
 
     Rounding is relative to the sum of the absolute values of all that adds up, within an interval from its start; a
     rounded angle turns everything beyond its joint. To it comes what a base feels that is not just where it is
-    computed to be.
+    computed to be, and what a payload does whose centre of mass is not known.
     """
     count, h = trajectory.intervals, np.diff(trajectory.times)
     j, step = np.abs(trajectory.jerks), h[:, None]
@@ -197,6 +206,8 @@ def _bounds_of_intervals(machine: Machine, trajectory: Trajectory, gravity: floa
         moved = misplaced_root_bounds(trajectory.base, base, gravity=gravity, height=height)  # type: ignore[arg-type]
         more, _ = wrench_bounds(machine, *parts, reach=q, gravity=gravity, base=moved)
         force, moment = force + more.force - size.force[:count], moment + more.moment - size.moment[:count]
+    if spread > 0.0:
+        moment = moment + moment_of_spread(machine, v[count:], a[count:], spread=spread, base=base)
     return WrenchBound(force, moment), WrenchBound(curvature.force[count:], curvature.moment[count:])
 
 

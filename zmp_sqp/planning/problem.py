@@ -25,6 +25,7 @@ MOST_ACCELERATIONS = 10_000  # intervals times joints: memory goes with the squa
 MODELS = ("full", "simplified")
 ARRIVAL = 1e-6  # [rad or m, and per second, relative above one] how far a motion may miss what is asked for
 UNCERTAINTIES = (("tipping_fraction", 0.1, 1.0), ("payload_uncertainty", 0.0, 0.9), ("slope_uncertainty", 0.0, 0.5))
+FARTHEST_COM = 10.0  # [m]
 FARTHEST = 1e5  # [rad or m] coordinates beyond it leave too few digits
 BASE_ARRIVAL = 1e-5  # [m or rad] likewise for the pose of a base
 LIMIT_TOLERANCE = 1e-9  # [rad or m] rounding that a start or goal may stand outside its limits
@@ -51,6 +52,8 @@ class Problem:
             safe with the payload divided by it, too.
         payload_uncertainty: Share by which the payload's mass and inertia may be off, either way.
         slope_uncertainty: Angle by which gravity may be off, in any direction [rad].
+        payload_com_uncertainty: By how much the payload's centre of mass may be off along each axis of the frame that
+            carries it, either way; scalar or shape (3,) [m].
 
     Raises:
         ProblemError: The problem contradicts itself or the machine's limits, or the machine tips over at rest at the
@@ -71,6 +74,7 @@ class Problem:
     tipping_fraction: float = 1.0
     payload_uncertainty: float = 0.0
     slope_uncertainty: float = 0.0
+    payload_com_uncertainty: Any = 0.0
     _coordinates: Coordinates = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -146,7 +150,8 @@ class Problem:
         """
         return corners(
             self.machine, self.ground, tipping_fraction=self.tipping_fraction,
-            payload_uncertainty=self.payload_uncertainty, slope_uncertainty=self.slope_uncertainty, every=every,
+            payload_uncertainty=self.payload_uncertainty, slope_uncertainty=self.slope_uncertainty,
+            payload_com_uncertainty=self.payload_com_uncertainty, every=every,
         )  # fmt: skip
 
     def _check_uncertainty(self) -> None:
@@ -155,6 +160,15 @@ class Problem:
             if not lower <= value <= upper:
                 raise ProblemError(f"{name} must lie within [{lower:g}, {upper:g}], not {value:g}")
             object.__setattr__(self, name, value)
+        name, given = "payload_com_uncertainty", self.payload_com_uncertainty
+        if np.ndim(given) == 0:
+            given = np.full(3, finite_number(given, name=name, error=ProblemError))
+        box = frozen_array(given, name=name, shape=(3,), error=ProblemError, labels=("x", "y", "z"))
+        if not ((box >= 0.0) & (box <= FARTHEST_COM)).all():
+            raise ProblemError(
+                f"{name} must lie within [0, {FARTHEST_COM:g}] m along each axis, not {shortened(given)}"
+            )
+        object.__setattr__(self, name, box)
         self.corners()
 
     def _check_base(self) -> None:

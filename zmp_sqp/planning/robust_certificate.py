@@ -14,7 +14,8 @@ __all__ = ["certify_for"]
 def certify_for(problem: Problem, trajectory: Trajectory) -> Certificate:
     """Guarantee for a motion at all corners of the problem's payload and slope: the least of theirs, and whose it is.
 
-    Wrench rows are affine in payload and gravity, each for itself, so that what holds at the corners holds inside.
+    Wrench rows are affine in payload and gravity, each for itself, so that what holds at the corners holds inside; what
+    squares of a displaced centre of mass can do between them is taken off (`moment_of_spread`).
 
     Args:
         problem: With its margin, its base and what is uncertain.
@@ -22,7 +23,8 @@ def certify_for(problem: Problem, trajectory: Trajectory) -> Certificate:
     """
     found = [
         replace(
-            certify(corner.machine, trajectory, corner.ground, problem.margin, base=problem.base), corner=corner.text
+            certify(corner.machine, trajectory, corner.ground, problem.margin, base=problem.base, spread=corner.spread),
+            corner=corner.text,
         )
         for corner in problem.corners(every=True)
     ]

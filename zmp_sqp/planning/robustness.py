@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -22,11 +23,14 @@ class Corner:
         machine: With the payload of this extreme.
         ground: With its gravity.
         text: What is special about it, in words; empty where nothing is uncertain.
+        spread: Mass of the payload times the squared distance by which its centre of mass may be off [kg m^2]: what
+            lies between such corners is as safe as they are but for `moment_of_spread`.
     """
 
     machine: Machine
     ground: Ground
     text: str = ""
+    spread: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +52,7 @@ class LeaningSlope(Slope):
 
 def corners(
     machine: Machine, ground: Ground, *, tipping_fraction: float, payload_uncertainty: float,
-    slope_uncertainty: float, every: bool = False,
+    slope_uncertainty: float, payload_com_uncertainty: Array | None = None, every: bool = False,
 ) -> tuple[Corner, ...]:  # fmt: skip
     r"""Extremes of payload and slope between which the rows of the wrench are affine.
 
@@ -60,7 +64,9 @@ def corners(
         g \in \operatorname{conv} \{\tau \, h_i : \tau \in \{\cos \delta, 1\}\}
 
     with the payload's uncertainty u, the tipping fraction f (ISO 10567: the rated load is a share of the one that
-    tips), and the corners h_i of a pyramid about every gravity that is off by an angle of up to \delta.
+    tips), and the corners h_i of a pyramid about every gravity that is off by an angle of up to \delta. The payload's
+    centre of mass may be anywhere in a box about where it should be; the corners of that box are exact but for the
+    squares of its sides, see `moment_of_spread`.
 
     Args:
         machine: With its payload.
@@ -68,11 +74,14 @@ def corners(
         tipping_fraction: f, above 0 and at most 1.
         payload_uncertainty: u, at least 0 and below 1.
         slope_uncertainty: delta, by which the ground may lean more or less than it should, in any direction [rad].
+        payload_com_uncertainty: Half the sides of the box in the axes of the frame that carries the payload, shape (3,)
+            [m]; None is zero.
         every: Both \tau, as a proof needs, instead of the smaller alone, which is nearly always the worse one.
 
     Raises:
-        ProblemError: There is no payload to be uncertain of, or no Slope.
+        ProblemError: There is no payload to be uncertain of, more than one whose centre of mass is, or no Slope.
     """
+    box = np.zeros(3) if payload_com_uncertainty is None else payload_com_uncertainty
     loads = [(machine, "")]
     if tipping_fraction < 1.0 or payload_uncertainty > 0.0:
         if machine.payload_mass == 0.0:
@@ -80,6 +89,19 @@ def corners(
             raise ProblemError(f"{which} needs a payload, but machine {machine.name!r} carries none")
         factors = (1.0 - payload_uncertainty, (1.0 + payload_uncertainty) / tipping_fraction)
         loads = [(machine.with_payload_scaled(mu), f"payload {mu * machine.payload_mass:.0f} kg") for mu in factors]
+    if box.any():
+        if machine.payload_count != 1:
+            count = machine.payload_count
+            raise ProblemError(
+                f"payload_com_uncertainty needs one payload, but machine {machine.name!r} carries {count}"
+            )
+        offsets = [np.array(signs) * box for signs in product(*((-1.0, 1.0) if side > 0.0 else (0.0,) for side in box))]
+        loads = [
+            (load.with_payload_moved(offset), ", ".join(part for part in (heavy, _displaced(offset)) if part))
+            for load, heavy in loads
+            for offset in offsets
+        ]
+    square = float(box @ box)
     grounds: list[tuple[Ground, str]] = [(ground, "")]
     if slope_uncertainty > 0.0:
         if not isinstance(ground, Slope):
@@ -91,10 +113,15 @@ def corners(
                 x, y, z = (float(part) for part in tau * gravity)
                 grounds.append((LeaningSlope(ground.roll, ground.pitch, (x, y, z)), text))
     return tuple(
-        Corner(load, plane, ", ".join(part for part in (heavy, leaning) if part))
+        Corner(load, plane, ", ".join(part for part in (heavy, leaning) if part), load.payload_mass * square)
         for load, heavy in loads
         for plane, leaning in grounds
     )
+
+
+def _displaced(offset: Array) -> str:
+    x, y, z = offset + 0.0  # no negative zeros
+    return f"its centre off by ({x:+.2f}, {y:+.2f}, {z:+.2f}) m"
 
 
 def leaning_corners(ground: Slope, delta: float) -> list[tuple[Array, float, float]]:
