@@ -80,7 +80,7 @@ def test_the_history_says_what_every_iteration_did() -> None:
     for record in plan.history:
         assert record.inner_iterations > 0
         assert record.rows > 0
-        assert record.backend in ("proxqp", "piqp", "restoration")  # large QPs go to PIQP at once
+        assert record.backend in ("proxqp", "daqp", "piqp", "restoration")  # large QPs go to PIQP at once
         assert 0.0 < record.step <= 1.0
         assert record.violation >= 0.0
         assert record.time > 0.0

@@ -16,6 +16,7 @@ DIGITS = 6  # decimals of the proximal centre: the noise of a guess is far below
 STEEP = 0.1  # of the largest gradient: variables whose curvature may be too small for the method's digits
 PROXIMAL = 1e-4  # the curvature that they get, per unit gradient
 LARGEST_WORK = 1e9  # entries looked at by all pivots: a second or so
+PRIMAL_TOLERANCE, DUAL_TOLERANCE = 1e-7, 1e-5  # the latter per unit gradient; beyond, it is no solution
 NO_BOUND = 1e30  # what DAQP takes for infinity
 EQUALITY, ACTIVE, LOWER = 5, 1, 2  # DAQP's `sense`
 
@@ -71,15 +72,20 @@ class ActiveSetMethod:
         sense = np.full(len(upper), EQUALITY, dtype=np.int32)
         sense[: len(qp.u)] = np.where(high, ACTIVE, np.where(low, ACTIVE + LOWER, 0))
         pivots = int(min(most_pivots, LARGEST_WORK / self._rows.size))
+        # reducing equalities, which it does where they are many, loses their multipliers
         w, _, flag, info = daqp.solve(
             None, None, self._rows, upper, lower, sense, primal_tol=TOLERANCE, dual_tol=1e-12, iter_limit=pivots,
-            eps_prox=0.0,
+            eps_prox=0.0, eq_reduction=-1,
         )  # fmt: skip
         if flag < 1:
             return None
         multipliers = np.array(info["lam"])
         y, z = multipliers[len(qp.u) :], multipliers[: len(qp.u)]
-        return QPSolution(self._from_right(np.asarray(w) - nearest), y, z, True, int(info["iterations"]), "daqp")
+        x = self._from_right(np.asarray(w) - nearest)
+        solution = QPSolution(x, y, z, True, int(info["iterations"]), "daqp")
+        primal, dual = solution.residuals(qp)
+        good = primal <= PRIMAL_TOLERANCE and dual <= DUAL_TOLERANCE * max(1.0, float(np.abs(qp.g).max(initial=0.0)))
+        return solution if good else None
 
     def _from_left(self, right: Array) -> Array:
         """L^{-1} times a vector or matrix."""
