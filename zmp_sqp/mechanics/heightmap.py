@@ -51,8 +51,8 @@ class Heightmap:
         origin: (x, y) of heights[0, 0] [m].
 
     Raises:
-        MachineError: Too few samples, an entry that is not finite, a resolution that is not positive, or numbers so large
-            or so far apart that derivatives overflow or neighbouring samples coincide.
+        MachineError: Too few samples, an entry that is not finite, a resolution that is not positive, or numbers so
+            large or so far apart that derivatives overflow or neighbouring samples coincide.
     """
 
     heights: Array = field(repr=False)

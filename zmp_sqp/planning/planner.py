@@ -13,6 +13,7 @@ import numpy as np
 from zmp_sqp.arrays import Array, finite_number
 from zmp_sqp.errors import ProblemError, TrajectoryError
 from zmp_sqp.planning.answer import Plan, Status
+from zmp_sqp.planning.base_check import CORRIDOR, BaseCheck, check_base
 from zmp_sqp.planning.certificate import Certificate
 from zmp_sqp.planning.driving import DrivingTranscription
 from zmp_sqp.planning.formulation import (
@@ -59,6 +60,8 @@ OUTCOMES = {
     SQPStatus.TIME_LIMIT: Status.TIME_BUDGET,
     SQPStatus.ITERATION_LIMIT: Status.ITERATION_LIMIT,
 }
+
+BLIND = (Status.INFEASIBLE, Status.FAILED, Status.UNSAFE_BETWEEN_NODES)  # where it may be the base alone that is wrong
 
 
 @one_blas_thread()
@@ -118,6 +121,7 @@ def plan(
     duration = least
     route = None if problem.base is None else np.vstack([problem.base.start[:2], problem.base.goal[:2]])
     reach = 0.0 if problem.machine.support is None else problem.machine.support.reach
+    corridor = 0.0  # [m] by which x and y bounds are drawn in
 
     def solve(
         bounds: PathBounds, controls: Array, S: float, ties: Any = None, iterations: int = MAX_ITERATIONS
@@ -128,7 +132,8 @@ def plan(
         )
         nlp: Program = of_coordinates
         if problem.base is not None:
-            nlp = DrivingTranscription(of_coordinates, problem.base, problem.base_ground, reach=reach)
+            ground = problem.base_ground
+            nlp = DrivingTranscription(of_coordinates, problem.base, ground, reach=reach, drawn_in=corridor)
         settings = SQPSettings(deadline=deadline, max_iterations=iterations)
         result = SQP(backend, fallback, settings, progress).minimize(nlp, nlp.pack(controls, S))
         history.extend(result.history)
@@ -171,6 +176,7 @@ def plan(
             (nlp, result), bounds = refined, looser
     tightened, obstacle = 0.0, ""
     attempt: Trajectory | None = None
+    held: BaseCheck | None = None
     for _ in range(MAX_TIGHTENINGS):
         try:
             attempt = motion = trajectory(problem, nlp, result.x)
@@ -183,6 +189,7 @@ def plan(
             break
         status = OUTCOMES.get(result.status, Status.FAILED)
         proven = checked.safe and problem.is_met_by(motion)
+        held = None if problem.base is None or motion.base is None else check_base(problem.base, motion.base)
         if proven and not status.success:  # the proof does not ask how the motion was found
             status = Status.SAFE
         if not status.success or proven:
@@ -194,12 +201,18 @@ def plan(
             status = Status.JOINT_LIMITS  # drawing in the ZMP's rows does not mend that
             break
         status = Status.UNSAFE_BETWEEN_NODES  # unless the next round mends it
-        tightened += 1.5 * max(problem.margin - checked.margin, GUARD)
+        outside = held.outside if held is not None and np.isfinite(held.outside) else 0.0
+        if outside > CORRIDOR:
+            corridor += 1.5 * outside
+        if outside <= CORRIDOR or checked.margin < problem.margin:
+            tightened += 1.5 * max(problem.margin - checked.margin, GUARD)
         drawn_in = replace(path_bounds(problem, tightened=tightened), least_duration=bounds.least_duration)
         linear = nlp.hold is LINEAR
         nlp, result = solve(
             drawn_in, *nlp.unpack(result.x)[2:], *((ties, REFINEMENTS) if linear else (None, MAX_ITERATIONS))
         )
+    if status in BLIND and held is not None and held.fault and checked.margin >= problem.margin:
+        status = Status.BASE
     return Plan(
         problem=problem,
         status=status,
