@@ -39,9 +39,9 @@ RESULT_KEYS = """\
   success, status, message  whether a motion was found, and why not
   duration, lower_bound     [s]; no motion within the joint limits is faster than the bound
   margin                    [m] from the ZMP to the nearest edge at its least, negative outside
-  corner                    payload and slope for which that is least; empty if nothing is uncertain
   iterations                of the SQP
   qp_solver                 the QP solver that was asked for
+  corner                    payload and slope for which the margin is least; empty if nothing is uncertain
   solve_time                [s]
   phase_plane               duration and margin of the motion that knows no ZMP;
                             null if the start or the goal is in motion, or the base drives
