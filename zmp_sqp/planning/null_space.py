@@ -46,7 +46,7 @@ class NullSpace:
         return self.layout.size, columns + 1
 
     @property
-    def T(self) -> _Transposed:  # noqa: N802 - NumPy's letter
+    def T(self) -> _Transposed:
         """The transposed matrix, for products with vectors and matrices."""
         return _Transposed(self)
 

@@ -34,13 +34,15 @@ from zmp_sqp.planning.single_thread import one_blas_thread
 from zmp_sqp.planning.trajectory import Trajectory
 from zmp_sqp.planning.transcription import PathBounds, Transcription
 from zmp_sqp.planning.unicycle_motion import UnicycleMotion
-from zmp_sqp.sqp.backends import make_backend
+from zmp_sqp.sqp.backends import QPBackend, make_backend
+from zmp_sqp.sqp.backends.deadline import Punctual
 from zmp_sqp.sqp.result import IterationRecord, SQPResult, SQPStatus
 from zmp_sqp.sqp.solver import SQP, SQPSettings
 
 __all__ = ["plan"]
 
 FALLBACK = "piqp"
+MOST_DENSE = 800  # accelerations (intervals times coordinates) up to which ProxQP is asked first: QPs grow as cubes
 SAME_DURATION = 1e-6  # relative: of two solutions as fast as that, the later one has converged
 EPSILON = 1e-9
 MAX_TIGHTENINGS = 6
@@ -82,8 +84,10 @@ def plan(
 
     Args:
         problem: The question.
-        qp_solver: "proxqp", "piqp" (sparse; for many intervals), or "qpsolvers:NAME".
-        time_budget: No new iteration starts after this long [s]; None for as long as it takes.
+        qp_solver: "proxqp", "piqp" (sparse; for many intervals), or "qpsolvers:NAME". Beyond 800 accelerations
+            (intervals times joints) "proxqp" gives way to "piqp", which takes seconds where dense QPs take minutes.
+        time_budget: No new QP starts after this long [s]; one that has begun is brought to its end. None for as long as
+            it takes.
         progress: Called after every iteration with its record.
 
     Returns:
@@ -100,8 +104,7 @@ def plan(
         if finite_number(time_budget, name="time_budget", error=ProblemError) <= 0.0:
             raise ProblemError(f"time_budget must be positive, not {time_budget} s")
         deadline = started + float(time_budget)
-    backend = make_backend(qp_solver)
-    fallback = make_backend(FALLBACK) if qp_solver != FALLBACK else None
+    backend, fallback = _backends(problem, qp_solver, deadline)
     model = stage_model(problem)
     start, goal = boundaries(problem)
     bounds = path_bounds(problem, tightened=0.0)
@@ -161,7 +164,7 @@ def plan(
             break
     (nlp, result), ties = best, None
     duration = nlp.reference
-    if result.status in (SQPStatus.OPTIMAL, SQPStatus.FEASIBLE):
+    if result.status in (SQPStatus.OPTIMAL, SQPStatus.FEASIBLE) and not _is_past(deadline):
         # the ZMP costs time: let the accelerations follow it within the intervals
         controls, S = nlp.unpack(result.x)[2:]
         looser = replace(bounds, least_duration=lower_bound)  # the grid's bound is one of constant accelerations
@@ -200,6 +203,9 @@ def plan(
         if problem.distance_limits is not None and not checked.limits_ok:
             status = Status.JOINT_LIMITS  # drawing in the ZMP's rows does not mend that
             break
+        if _is_past(deadline):
+            status = Status.TIME_BUDGET
+            break
         status = Status.UNSAFE_BETWEEN_NODES  # unless the next round mends it
         outside = held.outside if held is not None and np.isfinite(held.outside) else 0.0
         if outside > CORRIDOR:
@@ -226,6 +232,22 @@ def plan(
         qp_solver=qp_solver,
         attempt=attempt,
     )
+
+
+def _backends(problem: Problem, qp_solver: str, deadline: float | None) -> tuple[QPBackend, QPBackend | None]:
+    """The QP solver that was asked for and its fallback; dense ProxQP gives way to sparse PIQP where it is too slow."""
+    backend = make_backend(qp_solver)
+    size = problem.intervals * (problem.coordinates.size + 2 * (problem.base is not None))
+    if qp_solver == "proxqp" and size > MOST_DENSE:
+        backend = make_backend(FALLBACK)
+    fallback = make_backend(FALLBACK) if backend.name != FALLBACK else None
+    if deadline is None:
+        return backend, fallback
+    return Punctual(backend, deadline), None if fallback is None else Punctual(fallback, deadline)
+
+
+def _is_past(deadline: float | None) -> bool:
+    return deadline is not None and time.perf_counter() > deadline
 
 
 def _is_better(found: tuple[Program, SQPResult], best: tuple[Program, SQPResult]) -> bool:
