@@ -41,7 +41,7 @@ RESULT_KEYS = """\
   margin                    [m] from the ZMP to the nearest edge at its least, negative outside
   iterations                of the SQP
   qp_solver                 the QP solver that was asked for
-  corner                    payload and slope for which the margin is least; empty if nothing is uncertain
+  corner                    payload and slope for which the margin is least, or empty
   solve_time                [s]
   phase_plane               duration and margin of the motion that knows no ZMP;
                             null if the start or the goal is in motion, or the base drives

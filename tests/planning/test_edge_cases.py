@@ -12,7 +12,14 @@ import pytest
 import zmp_sqp as zs
 from tests.checks import check_feasibility
 from tests.problems import (
-    PAPER_GOAL, PAPER_START, NamedProblem, double_integrator, paper_1, paper_scene, random_problem, slider,
+    PAPER_GOAL,
+    PAPER_START,
+    NamedProblem,
+    double_integrator,
+    paper_1,
+    paper_scene,
+    random_problem,
+    slider,
 )  # fmt: skip
 
 SAFE = 1e-6
