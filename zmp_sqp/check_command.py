@@ -38,9 +38,9 @@ CHECK_KEYS = """\
   sampled              [m] that least margin
   limits_ok, limit_excess
   fault                what is wrong, in words; empty if the motion is safe
-  duration, gap        [s]; how much longer than the fastest motion within the limits of joints and base, as a share;
-                       null if the base drives and its limits are not given
-  load_transfer_ratio  largest, sampled; 1 where one side carries nothing; here and below, nothing is uncertain
+  duration, gap        [s]; how much longer than the fastest motion within the limits of joints and base,
+                       as a share; null if the base drives and its limits are not given
+  load_transfer_ratio  largest, sampled; 1 where one side carries nothing; from here on, nothing is uncertain
   force_angle          least, sampled, Papadopoulos & Rey 1996, [rad]
   tip_over_energy      least, sampled, Messuri & Klein 1985 with inertial forces, [J]
   versions             of Python, of this package and of what it stands on

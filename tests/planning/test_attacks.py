@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import cumulative_simpson
 
 import zmp_sqp as zs
 from tests.planning.driving import base, retreat, rolling_map
 from tests.problems import PAPER_GOAL, PAPER_START, paper_scene
-from zmp_sqp.planning.base_check import ARRIVAL, CORRIDOR
+from zmp_sqp.planning.base_check import ARRIVAL, CORRIDOR, corridor_excess
 from zmp_sqp.planning.messages import failure_message
 from zmp_sqp.planning.unicycle_motion import UnicycleMotion
 
@@ -132,6 +133,24 @@ def test_bounds_of_a_base_hold_between_the_nodes_too(intervals: int) -> None:
     planned = arc(intervals, y_bounds=(-1.0, 0.7 * top))
     assert planned.success, planned.message
     assert furthest(planned.trajectory) <= 0.7 * top + CORRIDOR
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_excess_over_a_bound_is_that_of_the_unicycle_integrated_by_other_means(seed: int) -> None:
+    rng, t = np.random.default_rng(seed), np.linspace(0.0, 3.0, 4)  # three long intervals, turning by radians
+    push, jerk = rng.uniform(-2.0, 2.0, (2, 3, 2))
+    rates = np.vstack([np.zeros(2), np.cumsum(push + 0.5 * jerk, axis=0)])
+    turned = np.cumsum(rates[:-1, 1] + 0.5 * push[:, 1] + jerk[:, 1] / 6.0)
+    motion = UnicycleMotion.from_start(t, np.zeros(3), rates, np.append(0.0, turned), (push, jerk))
+    fine = np.linspace(0.0, 3.0, 300_001)
+    pose, velocity, _ = motion(fine)
+    y = cumulative_simpson(velocity[:, 0] * np.sin(pose[:, 2]), x=fine, initial=0.0)
+    high, low = float(y.max()), float(y.min())
+    for side, bounds in ((high, (-100.0, high - 1e-3)), (-low, (low + 1e-3, 100.0))):
+        if side > 1e-2:  # the start lies within
+            excess, _, axis = corridor_excess(base(goal=(0.0, 0.0, 0.0), y_bounds=bounds), motion)
+            assert axis == 1
+            assert 1e-3 - 1e-8 <= excess <= 1e-3 + 1e-6
 
 
 def test_bounds_of_a_base_hold_over_terrain_too() -> None:

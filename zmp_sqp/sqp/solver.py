@@ -42,7 +42,7 @@ class SQPSettings:
         max_iterations: QPs at most.
         curvature_from: Least sum of multipliers of nonlinear rows for which their curvature is computed.
         floor: Least eigenvalue of the convexified Hessian.
-        deadline: `time.perf_counter()` value after which no new iteration starts; None for none.
+        deadline: `time.perf_counter()` value after which no new QP of the SQP's own starts; None for none.
     """
 
     feasibility: float = 2e-7
