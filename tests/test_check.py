@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 import zmp_sqp as zs
+from tests.planning.driving import base
 from tests.problems import paper_scene
 from zmp_sqp.cli import main
+from zmp_sqp.planning.robust_certificate import certify_for
 from zmp_sqp.scenario import SHIPPED, load_scenario
 
 TREE = ("--payload", "4000", "--payload-frame", "head", "--payload-com", "0", "0", "3.323", "--point-masses")
@@ -93,6 +95,54 @@ def test_a_drive_over_a_heightmap_is_checked_on_that_map(tmp_path: Path, capsys:
         assert message in capsys.readouterr().err
 
 
+def test_a_motion_is_certified_at_all_corners_of_what_is_uncertain(
+    blind: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ("--tipping-fraction", "0.75", "--payload-uncertainty", "0.1", "--slope-uncertainty", "2")
+    options += ("--payload-com-uncertainty", "0.1", "0", "0.2")
+    nominal, result = checked(blind, code=0, capsys=capsys), checked(blind, *options, code=1, capsys=capsys)
+    machine = paper_scene().load()
+    problem = zs.Problem(
+        machine,
+        START,
+        GOAL,
+        tipping_fraction=0.75,
+        payload_uncertainty=0.1,
+        slope_uncertainty=np.deg2rad(2.0),
+        payload_com_uncertainty=(0.1, 0.0, 0.2),
+    )
+    expected = certify_for(problem, zs.Trajectory.from_csv(blind, machine))
+    assert result["margin"] == pytest.approx(expected.margin, abs=1e-12)
+    assert result["corner"] == expected.corner != ""
+    assert result["margin"] < nominal["margin"] - 0.01
+    assert nominal["corner"] == ""
+    assert f"leaves the left edge by {-expected.margin:.3f} m with {expected.corner}" in result["fault"]
+    level = checked(blind, "--slope-uncertainty", "0.001", code=0, capsys=capsys)
+    assert level["corner"]
+    assert not level["fault"]
+    for option, value, message in (
+        ("--slope-uncertainty", "40", "--slope-uncertainty must lie within [0, 28.65] degrees, not 40"),
+        ("--tipping-fraction", "75", "--tipping-fraction must lie within [0.1, 1], not 75"),
+        ("--base-limits", "1 1 1 1", "this motion has none"),
+    ):
+        assert main(["check", "feller_buncher", str(blind), *TREE, option, *value.split()]) == 2
+        assert message in capsys.readouterr().err
+
+
+def test_a_drive_is_compared_with_the_bound_of_its_base_or_with_none(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plan = zs.plan(paper_scene().problem(START, START, base=base(goal=(-3.0, 0.0, 0.0)), intervals=10))
+    plan.trajectory.to_csv(tmp_path / "drive.csv")
+    assert checked(tmp_path / "drive.csv", "--roll", "-20", code=0, capsys=capsys)["gap"] is None
+    options = ["--roll", "-20", "--base-limits", "10", "2", "0.5", "1"]
+    kept = checked(tmp_path / "drive.csv", *options, code=0, capsys=capsys)
+    assert kept["gap"] == pytest.approx(plan.duration / plan.lower_bound - 1.0, abs=1e-9)
+    options[4] = "1"
+    fast = checked(tmp_path / "drive.csv", *options, code=1, capsys=capsys)
+    assert "exceeds the base's max_acceleration by 1 m/s^2" in fast["fault"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -124,5 +174,5 @@ def test_help_is_complete(capsys: pytest.CaptureFixture[str]) -> None:
         main(["check", "--help"])
     assert stop.value.code == 0
     text = capsys.readouterr().out
-    for word in ("--roll", "--payload-com", "exit codes", "tip_over_energy", "feller_buncher"):
+    for word in ("--roll", "--payload-com", "--slope-uncertainty", "exit codes", "tip_over_energy", "feller_buncher"):
         assert word in text

@@ -100,6 +100,21 @@ def test_the_table_fits_a_pipe_and_names_what_matters(capsys: pytest.CaptureFixt
     assert max(len(line) for line in tables[:-1]) <= 80
 
 
+def test_the_worst_corner_is_named_where_something_is_uncertain(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "uncertain.toml"
+    path.write_text(MOVING + "slope_uncertainty_deg = 1.0\n", encoding="utf-8")
+    assert cli.main(["plan", str(path), "--json", str(tmp_path / "result.json")]) == 0
+    printed = " ".join(capsys.readouterr().out.split())
+    corner = json.loads((tmp_path / "result.json").read_text())["corner"]
+    assert "the least of all, with" in printed
+    assert corner.startswith("roll ")
+    assert corner[:9] in printed
+    assert cli.main(["plan", "paper_1"]) == 0
+    assert "the least of all" not in capsys.readouterr().out
+
+
 def test_json_on_standard_output_is_all_there_is(capsys: pytest.CaptureFixture[str]) -> None:
     assert cli.main(["plan", "paper_1", "--json", "-"]) == 0
     captured = capsys.readouterr()

@@ -176,6 +176,21 @@ def test_a_base_that_drives_is_drawn_with_its_limits_its_path_and_its_footprints
     assert "downhill" in {text.get_text() for text in axes.texts}
 
 
+def test_a_drive_over_a_map_is_drawn_on_contour_lines_with_their_heights(monkeypatch: pytest.MonkeyPatch) -> None:
+    saved = curves(monkeypatch)
+    found = plan(load_scenario("terrain").problem)
+    problem, ground = found.problem, found.problem.ground
+    plot_joints(problem.machine, found.trajectory, "nowhere.png", base=problem.base, ground=ground)
+    [axes] = saved[0].subfigs[2].axes
+    labels = [text.get_text() for text in axes.texts if text.get_text().endswith(" m")]
+    assert len(labels) >= 3
+    assert "downhill" not in {text.get_text() for text in axes.texts}
+    [lines] = [part for part in axes.collections if len(part.get_paths()) > 3]
+    for path, level in zip(lines.get_paths(), lines.levels, strict=True):
+        for x, y in path.vertices[::50]:
+            assert ground.base_pose(np.array([[x, y, 0.0]]))[0][0, 2] == pytest.approx(level, abs=5e-3)
+
+
 def test_a_base_without_known_limits_is_drawn_without_them(tmp_path: Path) -> None:
     found = plan(load_scenario("paper_2_joint").problem)
     plot_joints(found.problem.machine, found.trajectory, tmp_path / "joints.png")

@@ -119,3 +119,9 @@ def test_a_motion_that_cannot_be_drawn_is_still_reported(
     assert cli.main(["replay", "paper_1", "--out", str(tmp_path)]) == 0
     assert "no pictures: a picture of a replay needs Pillow" in capsys.readouterr().out.replace("\n", " ")
     assert (tmp_path / "replay.json").exists()
+
+
+def test_help_says_that_a_base_has_to_stand(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        cli.main(["replay", "--help"])
+    assert "plans whose base drives cannot be replayed" in " ".join(capsys.readouterr().out.split())

@@ -21,6 +21,8 @@ LABELS = ("way [m]", "speed [m/s]", "yaw [rad]", "yaw rate [rad/s]")
 COLOUR, FIRST, LAST = "tab:red", "tab:green", "tab:blue"  # of the path, and of the footprints at its ends
 APART = 1.2  # [m or rad] along the way, or of yaw: footprints between the ends
 LEVEL = 1e-3  # sine of a slope that is not worth an arrow
+SAMPLES = 121  # of the heights, in either direction
+LINES = 24  # of equal height, at most, in and around the view
 ROOM = 0.15  # of a limit, above and below
 
 
@@ -54,14 +56,15 @@ def draw_base(axes: Sequence[Axes], motion: UnicycleMotion, base: UnicycleBase |
 def draw_plan_view(
     axes: Axes, motion: UnicycleMotion, support: SupportPolygon, base: UnicycleBase | None, ground: Ground | None
 ) -> None:
-    """The path in the ground's plane seen from above, footprints along it, x and y bounds dashed, the way downhill.
+    """The path seen from above, footprints along it, x and y bounds dashed, the way downhill or contour lines.
 
     Args:
         axes: Empty ones.
         motion: The base's.
         support: The footprint, in the base's own axes.
         base: Gives x and y bounds; None draws none.
-        ground: For its slope; None draws no arrow, nor does ground that leans differently from place to place.
+        ground: For its slope, an arrow, or for the heights of a map, contour lines with labels in metres; None for
+            neither.
     """
     times = np.linspace(0.0, float(motion.times[-1]), 400)
     pose, velocity, _ = motion(times)
@@ -86,13 +89,30 @@ def draw_plan_view(
             for bound in bounds:
                 if np.isfinite(bound):
                     line(bound, color="black", linestyle="--", linewidth=1.0)
-    if ground is not None and (not isinstance(ground, Terrain) or ground.uniform):
+    if isinstance(ground, Terrain) and not ground.uniform:
+        _draw_contours(axes, ground)
+    elif ground is not None:
         _draw_downhill(axes, ground)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel("x on the ground [m]")
     axes.set_ylabel("y on the ground [m]")
     axes.grid(alpha=0.3)
     axes.legend(loc="best")
+
+
+def _draw_contours(axes: Axes, ground: Terrain) -> None:
+    """Lines of equal height behind what is drawn, and around it as far as equal scales may widen the view."""
+    drawn, view = axes.dataLim.frozen(), np.array([axes.get_xlim(), axes.get_ylim()])  # (axis, side)
+    around = float(np.ptp(view, axis=1).max())
+    low, high = (np.clip(side, *ground.extent) for side in (view[:, 0] - around, view[:, 1] + around))
+    x, y = (np.linspace(low[axis], high[axis], SAMPLES) for axis in range(2))
+    places = np.column_stack([np.tile(x, SAMPLES), np.repeat(y, SAMPLES), np.zeros(SAMPLES**2)])
+    heights = ground.base_pose(places)[0][:, 2].reshape(SAMPLES, SAMPLES)
+    if np.ptp(heights) > 0.0:
+        lines = axes.contour(x, y, heights, levels=LINES, colors="tan", linewidths=0.7, linestyles="solid", zorder=0.5)
+        axes.clabel(lines, fmt="%g m", fontsize=7.0, inline_spacing=2)
+    axes.dataLim.set(drawn)  # the lines shall not widen it
+    axes.autoscale_view()
 
 
 def _draw_downhill(axes: Axes, ground: Ground) -> None:

@@ -45,7 +45,8 @@ def add_replay(commands: Any, shipped: str, exit_codes: str) -> None:
         help="replay a motion in a physics engine: does the machine tip over?",
         description=(
             "The machine stands free on its slope in MuJoCo, under contact and friction, and follows the motion: of\n"
-            "a scenario the planned one and, beside it, the one that knows no ZMP; or the one of a CSV file."
+            "a scenario the planned one and, beside it, the one that knows no ZMP; or the one of a CSV file. The base\n"
+            "has to stand: plans whose base drives cannot be replayed."
         ),
         epilog=(
             "examples:\n"

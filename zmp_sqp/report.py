@@ -41,6 +41,7 @@ RESULT_KEYS = """\
   margin                    [m] from the ZMP to the nearest edge at its least, negative outside
   iterations                of the SQP
   qp_solver                 the QP solver that was asked for
+  corner                    payload and slope for which the margin is least, or empty
   solve_time                [s]
   phase_plane               duration and margin of the motion that knows no ZMP;
                             null if the start or the goal is in motion, or the base drives
@@ -70,6 +71,7 @@ def make_result(scenario: Scenario, found: Plan, baseline: Trajectory | None, qp
         "scenario": scenario.name,
         "title": scenario.title,
         **plan_fields(found),
+        "corner": found.certificate.corner,
         "solve_time": found.solve_time,
         "phase_plane": None if baseline is None else _baseline_result(found.problem, baseline),
         "diagnosis": None,
@@ -110,6 +112,8 @@ def summary_table(result: Mapping[str, Any]) -> Table:
     if result["success"] and result["lower_bound"] > 0.0:
         table.add_row("above the bound [%]", _number(100.0 * (result["duration"] / result["lower_bound"] - 1.0), 2))
     table.add_row("least stability margin [m]", _margin(result), _margin(baseline))
+    if result["corner"]:
+        table.add_row("the least of all, with", result["corner"])
     table.add_row("SQP iterations", str(result["iterations"]))
     table.add_row("solve time [ms]", _number(1e3 * result["solve_time"], 1))
     table.add_row("QP solver", result["qp_solver"])

@@ -86,6 +86,11 @@ HOLE[2, 5] = np.nan
         (FLAT, np.nan, (0, 0), "resolution must be finite"),
         (FLAT, 1.0, (0, np.inf), r"origin must be finite, but entry \[1\]"),
         (FLAT, 1.0, 3.0, "origin must have shape"),
+        (FLAT + 1e300, 1e-300, (0, 0), r"heights of up to 1e\+300 m at a resolution of 1e-300 m .* beyond what"),
+        (FLAT, 1e-60, (0, 0), "beyond what can be computed with"),
+        (FLAT, 1e300, (0, 0), "beyond what can be computed with"),
+        (FLAT, 1.0, (1e20, 0), "beyond what can be computed with"),
+        (FLAT, 1.0, (1.7e308, 0), "beyond what can be computed with"),
     ],
 )
 def test_impossible_maps_are_refused(heights: object, resolution: float, origin: object, message: str) -> None:

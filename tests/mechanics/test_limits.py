@@ -44,6 +44,7 @@ def test_limits_can_be_given_for_all_each_or_some(change: object, expected: list
     ("changes", "named"),
     [
         ({"speed": 1.0}, "unknown limit 'speed'; limits are position_lower"),
+        ({"slew": {"velocity": 0.8}}, "'slew' is a joint: the limit comes first, as in {'velocity': {'slew': 0.8}}"),
         ({"velocity": {"bom": 1.0}}, "unknown joint 'bom'; joints are slew, boom"),
         ({"velocity": 0.0}, "velocity limit of joint 'slew' must be positive and finite, not 0.0"),
         ({"velocity": [1.0, -1.0]}, "velocity limit of joint 'boom' must be positive and finite, not -1.0"),

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import cumulative_simpson
 
 import zmp_sqp as zs
-from tests.planning.driving import base, retreat
+from tests.planning.driving import base, retreat, rolling_map
 from tests.problems import PAPER_GOAL, PAPER_START, paper_scene
+from zmp_sqp.planning import place_error
+from zmp_sqp.planning.base_check import ARRIVAL, CORRIDOR, corridor_excess
+from zmp_sqp.planning.messages import failure_message
+from zmp_sqp.planning.unicycle_motion import UnicycleMotion
 
 GRID = np.arange(-6.0, 6.01, 0.1)
 X, Y = np.meshgrid(GRID, GRID, indexing="ij")
@@ -97,3 +104,128 @@ def test_a_base_arrives_at_goals_nearer_than_a_millimetre_or_the_plan_fails() ->
         plan = zs.plan(zs.Problem(machine, PAPER_START, PAPER_START, base=base(goal=goal), intervals=20))
         if plan.success:
             assert np.abs(plan.trajectory.base(plan.duration)[0] - goal).max() <= 1e-5
+
+
+def arc(intervals: int, ground: Any = None, **options: Any) -> zs.Plan:
+    """Drive 4 m on an arc that bulges by 0.2 m, the arm at rest."""
+    moving, scene = base(start=(0.0, 0.0, 0.4), goal=(4.0, 0.0, -0.4), **options), paper_scene()
+    machine, ground = scene.load(), scene.ground if ground is None else ground
+    return zs.plan(zs.Problem(machine, PAPER_START, PAPER_START, ground, base=moving, intervals=intervals))
+
+
+def furthest(motion: zs.Trajectory) -> float:
+    return float(motion.base(np.linspace(0.0, motion.duration, 20_000))[0][:, 1].max())
+
+
+@pytest.mark.parametrize("intervals", [6, 50])
+def test_bounds_of_a_base_hold_between_the_nodes_too(intervals: int) -> None:
+    plan = arc(intervals)
+    machine, ground, motion = plan.problem.machine, plan.problem.ground, plan.trajectory
+    top, truly = float(motion.base.poses[:, 1].max()), furthest(motion)
+    assert truly > top + 1e-5  # between the nodes, which keep the bound
+    asked = replace(plan.problem.base, y_bounds=(-1.0, top))
+    found = zs.certify(machine, motion, ground, base=asked)
+    assert not found.limits_ok
+    assert not found.safe
+    assert truly - top <= found.limit_excess <= truly - top + 1e-6
+    assert "out of its y_bounds" in found.fault
+    roomy = replace(plan.problem.base, y_bounds=(-1.0, truly + 1e-6))
+    assert zs.certify(machine, motion, ground, base=roomy).limits_ok
+    planned = arc(intervals, y_bounds=(-1.0, 0.7 * top))
+    assert planned.success, planned.message
+    assert furthest(planned.trajectory) <= 0.7 * top + CORRIDOR
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_excess_over_a_bound_is_that_of_the_unicycle_integrated_by_other_means(seed: int) -> None:
+    rng, t = np.random.default_rng(seed), np.linspace(0.0, 3.0, 4)  # three long intervals, turning by radians
+    push, jerk = rng.uniform(-2.0, 2.0, (2, 3, 2))
+    rates = np.vstack([np.zeros(2), np.cumsum(push + 0.5 * jerk, axis=0)])
+    turned = np.cumsum(rates[:-1, 1] + 0.5 * push[:, 1] + jerk[:, 1] / 6.0)
+    motion = UnicycleMotion.from_start(t, np.zeros(3), rates, np.append(0.0, turned), (push, jerk))
+    fine = np.linspace(0.0, 3.0, 300_001)
+    pose, velocity, _ = motion(fine)
+    y = cumulative_simpson(velocity[:, 0] * np.sin(pose[:, 2]), x=fine, initial=0.0)
+    high, low = float(y.max()), float(y.min())
+    for side, bounds in ((high, (-100.0, high - 1e-3)), (-low, (low + 1e-3, 100.0))):
+        if side > 1e-2:  # the start lies within
+            excess, _, axis = corridor_excess(base(goal=(0.0, 0.0, 0.0), y_bounds=bounds), motion)
+            assert axis == 1
+            assert 1e-3 - 1e-8 <= excess <= 1e-3 + 1e-6
+
+
+def test_bounds_of_a_base_hold_over_terrain_too() -> None:
+    plan = arc(10, rolling_map(-10.0))
+    assert plan.success, plan.message
+    machine, ground, motion = plan.problem.machine, plan.problem.ground, plan.trajectory
+    truly = furthest(motion)
+    for room, kept in ((-1e-4, False), (1e-4, True)):
+        asked = replace(plan.problem.base, y_bounds=(-1.0, truly + room))
+        found = zs.certify(machine, motion, ground, base=asked)
+        assert found.limits_ok is kept, found.fault
+        assert kept or 1e-4 <= found.limit_excess <= 1.5e-4
+    planned = arc(10, rolling_map(-10.0), y_bounds=(-1.0, 0.7 * truly))
+    assert planned.success, planned.message
+    assert furthest(planned.trajectory) <= 0.7 * truly + CORRIDOR
+
+
+def test_a_motion_from_elsewhere_arrives_where_a_plan_has_to() -> None:
+    plan = arc(10)
+    machine, motion, ground = plan.problem.machine, plan.trajectory, plan.problem.ground
+    for miss, arrived in ((0.5 * ARRIVAL, True), (1e-4, False)):
+        asked = replace(plan.problem.base, goal=np.add(plan.problem.base.goal, [0.0, miss, 0.0]))
+        found = zs.certify(machine, motion, ground, base=asked)
+        assert found.limits_ok is arrived
+        assert found.safe is arrived
+    assert "ends 0.0001 m beside the goal of the base (1e-05 m and rad count as there)" in found.fault
+
+
+def test_a_plan_arrives_on_a_coarse_grid_to_a_nanometre() -> None:
+    """Simpson's rule of the program misses the true path by micrometres there."""
+    plan = arc(6)
+    assert np.abs(plan.trajectory.base(plan.duration)[0] - plan.problem.base.goal).max() <= 2e-9
+
+
+def test_a_goal_across_the_heading_is_said_to_be_out_of_reach() -> None:
+    scene = paper_scene()
+    plan = zs.plan(scene.problem(PAPER_START, PAPER_START, base=base(goal=(0.0, 0.0009, 0.0)), intervals=10))
+    assert plan.status is zs.Status.BASE
+    assert "ends 0.0009 m beside the goal of the base" in plan.message
+    assert "the goal lies 0.9 mm across the heading, and tracks do not slip sideways: plan by way of" in plan.message
+
+
+def test_a_violation_below_a_millimetre_is_not_called_zero() -> None:
+    _, plan = retreat()
+    near = replace(plan.certificate, margin=plan.problem.margin - 2e-5, sampled=plan.problem.margin - 1e-5)
+    message = failure_message(plan.problem, zs.Status.TIME_BUDGET, near)
+    assert "by 0.02 mm" in message
+    assert "0.000" not in message
+    over = replace(plan.certificate, limits_ok=False, fault="exceeds a joint limit by 0.3")
+    message = failure_message(plan.problem, zs.Status.TIME_BUDGET, over)
+    assert message.endswith("The last motion looked at exceeds a joint limit by 0.3.")
+
+
+def spin(yaw_rate: float, speed: float, *, steps: int = 10) -> zs.Trajectory:
+    """Turn over rolling ground at a constant rate for two seconds, the arm at rest."""
+    t, still = np.linspace(0.0, 2.0, steps + 1), np.zeros((steps, 2))
+    rates = np.tile([speed, yaw_rate], (steps + 1, 1))
+    drive = UnicycleMotion.from_start(t, np.zeros(3), rates, yaw_rate * t, (still, still), rolling_map(0.0))
+    q, v = np.tile(PAPER_START, (steps + 1, 1)), np.zeros((steps + 1, 5))
+    return zs.Trajectory(paper_scene().load().joint_names, t, q, v, v[:-1], base=drive)
+
+
+def test_a_base_that_turns_fast_over_terrain_has_a_margin_or_a_reason_why_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    machine = paper_scene().load()
+    motion = spin(6.0, 5.0)
+    found = zs.certify(machine, motion, motion.base.ground)
+    assert np.isfinite(found.margin)
+    assert found.margin == pytest.approx(found.sampled, abs=0.05)
+    assert not found.doubt
+    monkeypatch.setattr(place_error, "STRAY", 1e-9)  # [m] as if its path were known that badly
+    found = zs.certify(machine, motion, motion.base.ground)
+    assert found.margin == -np.inf
+    assert np.isfinite(found.sampled)
+    assert not found.safe
+    assert "not known to 1 mm where the base drives; give more nodes" in found.doubt

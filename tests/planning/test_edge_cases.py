@@ -11,7 +11,16 @@ import pytest
 
 import zmp_sqp as zs
 from tests.checks import check_feasibility
-from tests.problems import PAPER_START, NamedProblem, double_integrator, paper_1, paper_scene, random_problem, slider
+from tests.problems import (
+    PAPER_GOAL,
+    PAPER_START,
+    NamedProblem,
+    double_integrator,
+    paper_1,
+    paper_scene,
+    random_problem,
+    slider,
+)  # fmt: skip
 
 SAFE = 1e-6
 
@@ -159,6 +168,16 @@ def test_a_time_budget_is_kept_and_ends_in_a_safe_plan_or_in_its_status(budget: 
     else:
         assert plan.status is zs.Status.TIME_BUDGET
         assert "time budget" in plan.message
+
+
+def test_a_time_budget_is_kept_with_many_intervals() -> None:
+    """Dense QPs of 4000 variables took half a minute each, and cannot be stopped."""
+    problem = paper_scene().problem(PAPER_START, PAPER_GOAL, intervals=800)
+    started = time.perf_counter()
+    plan = zs.plan(problem, time_budget=0.3)
+    assert time.perf_counter() - started <= 5.0  # measured: 0.8
+    assert plan.success or plan.status is zs.Status.TIME_BUDGET
+    assert {record.backend for record in plan.history} <= {"piqp", "restoration"}
 
 
 def test_a_large_time_budget_changes_nothing() -> None:

@@ -193,6 +193,12 @@ def test_bad_uncertainties_get_one_sentence(changes: dict[str, Any], message: st
         problem(**changes)
 
 
+def test_a_slope_so_uncertain_that_gravity_may_point_upwards_is_refused() -> None:
+    for changes in ({}, {"start_velocity": [0.1, 0.0, 0.0, 0.0, 0.0]}):
+        with pytest.raises(zs.ProblemError, match=r"(gravity would point away from the ground|tips over at the start)"):
+            problem(ground=zs.Slope(roll=np.radians(70.0)), slope_uncertainty=0.5, **changes)
+
+
 def test_without_a_payload_or_a_slope_there_is_nothing_to_be_uncertain_of() -> None:
     bare = zs.load_machine("feller_buncher")
     with pytest.raises(zs.ProblemError, match="payload_uncertainty needs a payload"):

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.sparse as sp
 
 import zmp_sqp as zs
 from tests.checks import Oracle, central_differences
@@ -24,10 +25,11 @@ from tests.planning.programs import (
     path_bounds,
 )
 from tests.problems import FOOTPRINT, Scene, Tree, paper_scene, slider
-from zmp_sqp.planning import simplified_coordinates
+from zmp_sqp.planning import null_space, simplified_coordinates
 from zmp_sqp.planning.coordinates import Coordinates
-from zmp_sqp.planning.hold import CONSTANT, LINEAR, Hold
+from zmp_sqp.planning.hold import CONSTANT, LINEAR, Hold, slope_ties
 from zmp_sqp.planning.model import ArmModel, wrench_curvature
+from zmp_sqp.planning.null_space import NullSpace
 from zmp_sqp.planning.transcription import LEAST_NORMAL_FORCE, Boundary, Transcription
 
 
@@ -128,6 +130,36 @@ def test_basis_spans_the_null_space_of_the_gaps_and_closes_them(case: Case) -> N
     np.testing.assert_allclose(gaps @ basis.d, -lin.at.equalities[: basis.eliminated], atol=ROUNDING)
     np.testing.assert_array_equal(basis.Z[basis.free], np.eye(basis.Z.shape[1]))
     np.testing.assert_array_equal(basis.d[basis.free], 0.0)
+
+
+def test_a_basis_that_is_only_its_products_is_the_dense_one(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
+    nlp, rng = case.nlp, np.random.default_rng(5)
+    ties = slope_ties(np.ones((nlp.N, nlp.n))) if nlp.hold is LINEAR else None
+    x = case.anywhere()
+    for tied in (None, ties) if ties is not None else (None,):
+        dense, implicit = (transcribed(nlp, tied, monkeypatch, most).linearize(x).basis.Z for most in (10**7, 0))
+        assert isinstance(implicit, NullSpace)
+        assert implicit.shape == dense.shape
+        move, moves = rng.normal(size=dense.shape[1]), rng.normal(size=(dense.shape[1], 3))
+        rows = sp.random_array((7, len(dense)), density=0.3, rng=rng, format="csr")
+        for left, right in (
+            (implicit @ move, dense @ move),
+            (implicit @ moves, dense @ moves),
+            (rows @ implicit, rows @ dense),
+            (rows.toarray() @ implicit, rows.toarray() @ dense),
+            (implicit.T @ x, dense.T @ x),
+            (implicit.T @ np.ones((len(dense), 2)), dense.T @ np.ones((len(dense), 2))),
+            (implicit[[0, 3, -1]], dense[[0, 3, -1]]),
+            (implicit[:-1], dense[:-1]),
+        ):
+            np.testing.assert_allclose(left, right, atol=1e-12 * max(1.0, float(np.abs(right).max())))
+
+
+def transcribed(nlp: Transcription, ties: Any, monkeypatch: pytest.MonkeyPatch, most: int) -> Transcription:
+    monkeypatch.setattr(null_space, "MOST_ENTRIES", most)
+    return Transcription(
+        nlp.model, nlp.start, nlp.goal, nlp.bounds, intervals=nlp.N, reference=nlp.reference, hold=nlp.hold, ties=ties
+    )
 
 
 def test_hessian_of_the_lagrangian(case: Case) -> None:

@@ -12,6 +12,7 @@ import scipy.sparse as sp
 
 from zmp_sqp.errors import ProblemError
 from zmp_sqp.sqp.backends import make_backend
+from zmp_sqp.sqp.backends.deadline import Punctual, TimeLimited
 from zmp_sqp.sqp.qp import QP, QPSolution
 
 AGREEMENT = 1e-6  # of minimisers whose Hessians have eigenvalues of at least 0.1: residuals of 1e-8, ten times over
@@ -171,3 +172,16 @@ def test_a_multiplier_far_from_its_bound_is_not_called_solved() -> None:
 def test_unknown_names_are_refused_with_a_list_of_what_there_is(name: object) -> None:
     with pytest.raises(ProblemError, match="proxqp"):
         make_backend(name)  # type: ignore[arg-type]
+
+
+def test_no_qp_starts_after_the_deadline_and_solvers_that_can_stop_know_what_remains() -> None:
+    qp = random_qp(2)
+    inner = make_backend("qpsolvers:clarabel")
+    early, late = Punctual(inner, time.perf_counter() + 60.0), Punctual(inner, time.perf_counter())
+    assert (early.name, early.wants_sparse) == (inner.name, inner.wants_sparse)
+    assert early.solve(qp).solved
+    assert isinstance(inner, TimeLimited)
+    assert 50.0 < inner.time_limit <= 60.0
+    nothing = late.solve(qp)
+    assert not nothing.solved
+    assert nothing.residuals(qp) == (np.inf, np.inf)

@@ -15,7 +15,7 @@ from zmp_sqp.errors import MachineError, ProblemError
 from zmp_sqp.mechanics.ground import CLEARANCE, Slope
 from zmp_sqp.mechanics.ground_motion import GroundMotion, GroundRates
 from zmp_sqp.mechanics.spline_bounds import derivative_bounds
-from zmp_sqp.mechanics.spline_surface import WIDTH, SplineSurface
+from zmp_sqp.mechanics.spline_surface import DEGREE, WIDTH, SplineSurface
 from zmp_sqp.mechanics.support import SupportPolygon
 from zmp_sqp.mechanics.surface_drive import drive_on_surface, ground_rates_on_surface
 from zmp_sqp.mechanics.surface_frame import SurfaceFrame
@@ -24,6 +24,7 @@ __all__ = ["Heightmap"]
 
 RIM = 1e-3  # [m] beyond the outermost samples that count as on the map: solvers keep bounds to a tolerance only
 ORIGIN = (0.0, 0.0)
+LARGEST = 1e30  # [m, or of derivatives in metres] beyond it squares of products overflow
 MOST_PLACES = 200_000  # looked at under the tracks along a path, but at least two per edge and step
 
 
@@ -50,7 +51,8 @@ class Heightmap:
         origin: (x, y) of heights[0, 0] [m].
 
     Raises:
-        MachineError: Too few samples, an entry that is not finite, or a resolution that is not positive.
+        MachineError: Too few samples, an entry that is not finite, a resolution that is not positive, or numbers so
+            large or so far apart that derivatives overflow or neighbouring samples coincide.
     """
 
     heights: Array = field(repr=False)
@@ -66,7 +68,17 @@ class Heightmap:
         if resolution <= 0.0:
             raise MachineError(f"heightmap resolution must be positive, not {resolution} m")
         origin = frozen_array(self.origin, name="heightmap origin", shape=(2,), error=MachineError)
-        y, x = (start + resolution * np.arange(n) for start, n in zip(origin[::-1], heights.shape, strict=True))
+        highest, farthest = float(np.abs(heights).max()), float(np.abs(origin).max())
+        computable = max(highest, 1.0) <= LARGEST * min(resolution, 1.0) ** DEGREE  # so is the fifth derivative
+        axes = []
+        if computable and max(farthest, resolution) <= LARGEST:
+            axes = [start + resolution * np.arange(n) for start, n in zip(origin[::-1], heights.shape, strict=True)]
+        if not axes or not all((np.diff(axis) > 0.0).all() for axis in axes):
+            raise MachineError(
+                f"heights of up to {highest:.3g} m at a resolution of {resolution:.3g} m from the origin "
+                f"({origin[0]:.3g}, {origin[1]:.3g}) m on are beyond what can be computed with; all are in metres"
+            )
+        y, x = axes
         object.__setattr__(self, "heights", heights)
         object.__setattr__(self, "resolution", resolution)
         object.__setattr__(self, "origin", (float(origin[0]), float(origin[1])))

@@ -75,7 +75,7 @@ class JointLimits:
         values = {key: np.array(getattr(self, key)) for key in KEYS}
         for key, change in changes.items():
             if key not in values:
-                raise MachineError(f"unknown limit {key!r}; limits are {', '.join(KEYS)}")
+                raise MachineError(f"unknown limit {key!r}; limits are {', '.join(KEYS)}{_turned(key, joint_names)}")
             columns, numbers = _spread(key, change, joint_names)
             if np.isnan(numbers).any():
                 name = joint_names[columns[np.flatnonzero(np.isnan(numbers)).tolist()[0]]]
@@ -93,6 +93,13 @@ class JointLimits:
         """
         lacking = {key: np.flatnonzero(np.isnan(getattr(self, key))).tolist() for key in NEEDED}
         return {key: tuple(joint_names[i] for i in where) for key, where in lacking.items() if where}
+
+
+def _turned(key: str, joint_names: Sequence[str]) -> str:
+    """What to write instead where a joint stands in the place of a limit; empty where none does."""
+    if key not in joint_names:
+        return ""
+    return f"; {key!r} is a joint: the limit comes first, as in {{'velocity': {{{key!r}: 0.8}}}}"
 
 
 def _spread(key: str, change: Any, joint_names: Sequence[str]) -> tuple[list[int], Array]:

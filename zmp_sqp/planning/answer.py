@@ -31,6 +31,10 @@ class Status(enum.Enum):
         "Not solved: the bounds on the lumped mass let a joint exceed its own limits; tighten distance_limits, "
         "or leave them out."
     )
+    BASE = (
+        "Not solved: the motion that was found breaks a limit of its base or misses the base's goal; "
+        "try another goal, wider bounds, or more intervals."
+    )
     TERRAIN = "Not solved: the motion that was found leads where the tracks cannot go; give x_bounds or y_bounds."
     UNSAFE_BETWEEN_NODES = "Not solved: the motion is safe at its nodes but not between them; use more intervals."
 

@@ -14,14 +14,13 @@ from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.motion_bounds import WrenchBound, wrench_bounds, wrench_curvature_bound
 from zmp_sqp.mechanics.payload_spread import moment_of_spread
 from zmp_sqp.mechanics.wrench import ground_reaction
-from zmp_sqp.planning.double_integrator import minimum_time
-from zmp_sqp.planning.limits_in_time import limit_excess
-from zmp_sqp.planning.motion_checks import check_arguments, check_drift
+from zmp_sqp.planning.base_check import check_base
+from zmp_sqp.planning.limits_in_time import LIMIT_TOLERANCE, joints_least_duration, limit_excess
+from zmp_sqp.planning.motion_checks import check_arguments, check_drift, reason_of_doubt
 from zmp_sqp.planning.place_error import misplaced_root_bounds
 from zmp_sqp.planning.root_motion import check_tracks, followed, root_motion, root_motion_bounds
 from zmp_sqp.planning.trajectory import Trajectory
 from zmp_sqp.planning.unicycle import UnicycleBase
-from zmp_sqp.planning.unicycle_motion import base_excess
 
 __all__ = ["Certificate", "certify"]
 
@@ -35,7 +34,6 @@ LOOSE = 2e-4  # [m] by which the guaranteed margin may fall short of the sampled
 ROUNDING = 1e-9  # [m] taken off for floating point, on top of what is proven of inverse dynamics
 OPERATIONS = 100.0  # roundings that add up in a wrench: at most ten per joint and factor, and to spare
 EPSILON = float(np.finfo(float).eps)
-LIMIT_TOLERANCE = 1e-9  # largest excess over a limit of a motion that keeps them, as a share of it if it is below 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,6 +52,9 @@ class Certificate:
             where there is no bound (a limit is missing, or the rates at the ends break one).
         required: Margin that was asked for [m].
         corner: The payload and slope for which the margin is least, in words; empty where nothing is uncertain.
+        fault: Which limit the motion does not keep, or where it does not begin or end as asked, in words that follow
+            "the motion"; empty if `limits_ok`.
+        doubt: Why no margin at all can be proven although all samples have one, in words; empty where one is.
     """
 
     margin: float
@@ -65,6 +66,8 @@ class Certificate:
     gap: float
     required: float
     corner: str = ""
+    fault: str = ""
+    doubt: str = ""
 
     @classmethod
     def of_nothing(cls, required: float) -> Certificate:
@@ -96,7 +99,8 @@ def certify(
         trajectory: The motion; its joints must be the machine's.
         ground: What the machine stands on.
         margin: Distance from the edges that is asked for; stretches near it are looked at more closely [m].
-        base: Limits, start and goal that the base's motion is held to; x and y bounds at the nodes. None does not look.
+        base: Limits, x and y bounds, start and goal that the base's motion is held to at all times; poses within 1e-5
+            m and rad of start and goal count as there, as for plans (`check_base`). None does not look.
         spread: Mass of a payload times the squared distance by which its centre of mass may be off, where this machine
             is a corner of what it may be: what `moment_of_spread` says is taken off [kg m^2].
 
@@ -120,11 +124,12 @@ def certify(
     gravity = frozen_array(here, name="gravity", shape=(3,), error=ProblemError)
     excess, relative = limit_excess(machine, trajectory)
     kept = relative <= LIMIT_TOLERANCE
+    fault = "" if kept else f"exceeds a joint limit by {excess:.3g}"
     if base is not None:
         if trajectory.base is None:
             raise ProblemError("the trajectory has no base motion to hold to the limits of `base`")
-        over = base_excess(base, trajectory.base)
-        excess, kept = max(excess, over), kept and over <= LIMIT_TOLERANCE
+        held = check_base(base, trajectory.base)
+        excess, kept, fault = max(excess, held.excess), kept and held.kept, fault or held.fault
     steps = np.diff(trajectory.times)
     parts = np.maximum(STRETCHES, np.ceil(steps / LONGEST))
     parts = np.maximum(parts * min(1.0, FIRST / parts.sum()), 1.0).astype(int)
@@ -147,17 +152,21 @@ def certify(
             enough = np.where(undecided, np.maximum(required, best - LOOSE), best - LOOSE)
             parts = np.ceil(np.sqrt(HEADROOM * (found.reachable - found.bound) / (found.reachable - enough)))
             parts = np.clip(np.nan_to_num(parts, nan=MOST_PARTS), 2, MOST_PARTS).astype(int)
-            if states + int(parts[loose].sum()) > MAX_STATES or not np.isfinite(sampled):
+            if (exhausted := states + int(parts[loose].sum()) > MAX_STATES) or not np.isfinite(sampled):
                 loose[:] = False
             guaranteed = min(guaranteed, float(found.bound[~loose].min(initial=np.inf)))
             parts = parts[loose]
             interval, length = np.repeat(interval[loose], parts), np.repeat(length[loose] / parts, parts)
             number = np.arange(len(length)) - np.repeat(np.cumsum(parts) - parts, parts)
             share = np.repeat(share[loose], parts) + length * number
-    bound = max(_kinematic_bound(machine, trajectory), 0.0 if base is None else base.least_duration)
+    doubt = ""
+    if np.isneginf(guaranteed) and np.isfinite(sampled):
+        doubt = reason_of_doubt(trajectory, rounding, exhausted=exhausted)
+    bound = max(joints_least_duration(machine, trajectory), 0.0 if base is None else base.least_duration)
     return Certificate(
         margin=guaranteed - ROUNDING, margin_at=at, edge=edge, sampled=sampled, limits_ok=kept,
         limit_excess=excess, gap=trajectory.duration / bound - 1.0 if bound > 0.0 else 0.0, required=required,
+        fault=fault, doubt=doubt,
     )  # fmt: skip
 
 
@@ -274,20 +283,3 @@ def _stretches(
     nearest = margins[flat, np.arange(count)]
     times = trajectory.times[interval] + since.reshape(2, count)[flat, np.arange(count)]
     return _Stretches(least.min(axis=1), times, nearest.argmin(axis=1), less(off), less(rounded))
-
-
-def _kinematic_bound(machine: Machine, trajectory: Trajectory) -> float:
-    """Least duration of any motion between the trajectory's ends within the joint limits [s]."""
-    limits, q, v = machine.limits, trajectory.positions, trajectory.velocities
-    if not (np.isfinite(limits.velocity).all() and np.isfinite(limits.acceleration).all()):
-        return 0.0
-    if (np.abs(v[[0, -1]]) > limits.velocity * (1.0 + LIMIT_TOLERANCE)).any():
-        return 0.0
-    rows = zip(q[-1] - q[0], limits.velocity, limits.acceleration, v[0], v[-1], strict=True)
-    return max(
-        minimum_time(
-            float(d), max_velocity=float(top), max_acceleration=float(push),
-            start_velocity=float(first), goal_velocity=float(last),
-        ).duration
-        for d, top, push, first, last in rows
-    )  # fmt: skip

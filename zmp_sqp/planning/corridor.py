@@ -16,7 +16,7 @@ RIM_GUARD = 0.02  # [m] kept inside the map at the nodes, so that it is not left
 
 
 def corridor_rows(
-    base: UnicycleBase, terrain: Terrain, columns: Indices, *, size: int, reach: float
+    base: UnicycleBase, terrain: Terrain, columns: Indices, *, size: int, reach: float, drawn_in: float = 0.0
 ) -> tuple[sp.csr_array, Array]:
     """Rows R and bounds b with R x <= b: positions of the nodes between the bounds that there are.
 
@@ -26,11 +26,13 @@ def corridor_rows(
         columns: Where x and y of the nodes stand among the variables, shape (K, 2).
         size: Number of variables.
         reach: Of the tracks from the base's place: it stays so far inside a map [m].
+        drawn_in: By how much the nodes stay inside x and y bounds, so that these hold between them, too [m].
     """
     lower, upper = base.corridor
     low, high = terrain.extent
-    lower = np.maximum(lower + CORRIDOR_GUARD, low + reach + RIM_GUARD)
-    upper = np.minimum(upper - CORRIDOR_GUARD, high - reach - RIM_GUARD)
+    guard = CORRIDOR_GUARD + drawn_in
+    lower = np.maximum(lower + guard, low + reach + RIM_GUARD)
+    upper = np.minimum(upper - guard, high - reach - RIM_GUARD)
     both = np.vstack([base.start[:2], base.goal[:2]])
     lower, upper = np.minimum(lower, both.min(axis=0)), np.maximum(upper, both.max(axis=0))
     index, signs, edges = [np.zeros(0, dtype=int)], [np.zeros(0)], [np.zeros(0)]

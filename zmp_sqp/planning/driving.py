@@ -44,8 +44,9 @@ class DrivingTranscription:
     """
 
     def __init__(
-        self, inner: Transcription, base: UnicycleBase, terrain: Terrain = PLANE, *, reach: float = 0.0
-    ) -> None:
+        self, inner: Transcription, base: UnicycleBase, terrain: Terrain = PLANE, *, reach: float = 0.0,
+        drawn_in: float = 0.0,
+    ) -> None:  # fmt: skip
         """Add positions.
 
         Args:
@@ -53,6 +54,7 @@ class DrivingTranscription:
             base: Start and goal, and the bounds on x and y.
             terrain: What the base drives on.
             reach: Of the tracks from the base's place: it stays so far inside a map, but where it begins and ends [m].
+            drawn_in: By how much nodes stay inside the bounds on x and y [m].
         """
         self.inner, self.base, self.terrain = inner, base, terrain
         self.N, self.n, self.hold, self.reference = inner.N, inner.n, inner.hold, inner.reference
@@ -64,7 +66,9 @@ class DrivingTranscription:
         self.eliminated = self._eliminated + 2 + 2 * self.N
         self._last = np.delete(np.arange(2 * self.n), self.n - 2) + self._eliminated  # rows of the inner program
         columns = np.arange(self.size)[self.positions].reshape(-1, 2)[1:-1]  # the ends are given
-        self._corridor, self._edges = corridor_rows(base, terrain, columns, size=self.size, reach=reach)
+        self._corridor, self._edges = corridor_rows(
+            base, terrain, columns, size=self.size, reach=reach, drawn_in=drawn_in
+        )
         self._course = Course(inner)
         self.nonlinear_rows: npt.NDArray[np.bool_] = np.append(
             inner.nonlinear_rows, np.zeros(len(self._edges), dtype=bool)
@@ -93,13 +97,17 @@ class DrivingTranscription:
         """The coordinates' unscaled (q, w, controls, S), as `Transcription.unpack`."""
         return self.inner.unpack(self._inner(x))
 
-    def arrived(self, x: Array) -> tuple[Array, Array, Array, float]:
+    def arrived(self, x: Array, aim: Array | None = None) -> tuple[Array, Array, Array, float]:
         """As `unpack`, with gaps closed and the goal met to rounding by the smallest change of the controls.
 
         First all but the way, then the way's controls by Newton's method; in a plane the position is linear in them.
         Sideways of a constant heading it stays.
+
+        Args:
+            x: Point.
+            aim: Where the moves shall end, shape (2,) [m]; None for the goal.
         """
-        inner, base = self.inner, self.base
+        inner, aim = self.inner, self.base.goal[:2] if aim is None else aim
         _, _, controls, S = self.unpack(x)
         T, flat, way = np.sqrt(S), controls.reshape(-1, self.n).copy(), self.n - 2
         sums = np.vstack([part[-1] for part in inner.layout.sums])  # (2, N c)
@@ -113,7 +121,7 @@ class DrivingTranscription:
         for _ in range(ARRIVALS):
             psi, w = self._course.of(inner.pack(flat.reshape(controls.shape), S))
             p = self._driven(psi, w)
-            miss = np.append(base.goal[:2] - p[-1], wanted[1, way] - sums[1] @ flat[:, way])
+            miss = np.append(aim - p[-1], wanted[1, way] - sums[1] @ flat[:, way])
             far = float(np.abs(miss).max())
             if far <= ARRIVED or far > 0.5 * before:  # what is left lies sideways
                 break

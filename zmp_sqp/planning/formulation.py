@@ -25,9 +25,10 @@ __all__ = ["GUARD", "Program", "boundaries", "grid_bound", "path_bounds", "stage
 GUARD = 5e-5  # [m] kept inside the asked margin, so that a proof of the margin is cheap
 LIMIT_GUARD = 1e-8  # relative, likewise for the joint limits
 LEAST_TIME = 1e-9  # [s] of no account: ways so short that rounding shows may take this much longer
-STRETCH = 1e-5  # relative, of the duration, for limits that arriving to the last digit exceeds
+STRETCH = 1e-4  # relative, of the duration, for limits that arriving to the last digit exceeds: on coarse grids
 STRETCHES = (1.0, 2.0, 4.0)  # tried in turn: boundary rates stay, so that in motion the way changes with the duration
 RATE_SLACK = 1e-10  # relative, above boundary rates that use up the guard
+ARRIVED = 1e-9  # [m] from the goal: nearer, nothing is gained
 UNBOUNDED = 1e4  # [rad or m] stands for a position limit that is infinite
 Program = Transcription | DrivingTranscription
 
@@ -99,14 +100,32 @@ def grid_bound(start: Boundary, goal: Boundary, bounds: PathBounds, intervals: i
 
 
 def trajectory(problem: Problem, nlp: Program, x: Array) -> Trajectory:
-    """The motion in seconds: it arrives to the last digit, and no limit is missed by rounding."""
+    """The motion in seconds: it arrives to the last digit, and no limit is missed by rounding.
+
+    The base's true path is not quite that of the program's Runge-Kutta steps, which therefore are made to end as far
+    beside the goal on the other side.
+    """
+    if problem.base is None or not isinstance(nlp, DrivingTranscription):
+        return _motion(problem, nlp, x, None)
+    aim, before = np.array(problem.base.goal[:2]), np.inf
+    while True:
+        found = _motion(problem, nlp, x, aim)
+        miss = np.zeros(2) if found.base is None else problem.base.goal[:2] - found.base.poses[-1, :2]
+        far = float(np.abs(miss).max())
+        if far <= ARRIVED or far > 0.1 * before:  # what is left lies sideways
+            return found
+        before, aim = far, aim + miss
+
+
+def _motion(problem: Problem, nlp: Program, x: Array, aim: Array | None) -> Trajectory:
+    """Motion whose base, if there is one, ends at `aim` after the program's own steps."""
     coordinates, base, limits = problem.coordinates, problem.base, problem.machine.limits
     if base is not None:
         limits = limits.followed_by(base.limits)
     size = coordinates.size
 
     def motion(x: Array) -> tuple[Array, Array, Array, float]:
-        y, rates, controls, S = nlp.arrived(x)
+        y, rates, controls, S = nlp.arrived(x, aim) if isinstance(nlp, DrivingTranscription) else nlp.arrived(x)
         joints = coordinates.joints(y[:, :size]), coordinates.rates(rates[:, :size])
         pushes = coordinates.rates(controls[:, :, :size])
         with_base = zip((*joints, pushes), (y, rates, controls), strict=True)

@@ -6,9 +6,12 @@ import numpy as np
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.mechanics.machine import Machine
+from zmp_sqp.planning.double_integrator import minimum_time
 from zmp_sqp.planning.trajectory import Trajectory
 
-__all__ = ["limit_excess"]
+__all__ = ["LIMIT_TOLERANCE", "joints_least_duration", "limit_excess"]
+
+LIMIT_TOLERANCE = 1e-9  # largest excess over a limit of a motion that keeps them, as a share of it if it is below 1
 
 
 def limit_excess(machine: Machine, trajectory: Trajectory) -> tuple[float, float]:
@@ -36,6 +39,23 @@ def limit_excess(machine: Machine, trajectory: Trajectory) -> tuple[float, float
         absolute = max(over_places, _excess(peaks, bounds))
         relative = max(over_places, _excess(peaks, bounds, np.where(bounds < 1.0, bounds, 1.0)))
     return absolute, relative
+
+
+def joints_least_duration(machine: Machine, trajectory: Trajectory) -> float:
+    """Least duration of any motion between the trajectory's ends within the joint limits [s]; 0 if one is missing."""
+    limits, q, v = machine.limits, trajectory.positions, trajectory.velocities
+    if not (np.isfinite(limits.velocity).all() and np.isfinite(limits.acceleration).all()):
+        return 0.0
+    if (np.abs(v[[0, -1]]) > limits.velocity * (1.0 + LIMIT_TOLERANCE)).any():
+        return 0.0
+    rows = zip(q[-1] - q[0], limits.velocity, limits.acceleration, v[0], v[-1], strict=True)
+    return max(
+        minimum_time(
+            float(d), max_velocity=float(top), max_acceleration=float(push),
+            start_velocity=float(first), goal_velocity=float(last),
+        ).duration
+        for d, top, push, first, last in rows
+    )  # fmt: skip
 
 
 def _excess(values: Array, bound: Array, unit: Array | float = 1.0) -> float:

@@ -7,9 +7,10 @@ import numpy as np
 from zmp_sqp.errors import MachineError, ProblemError, TrajectoryError
 from zmp_sqp.mechanics.ground import Ground
 from zmp_sqp.mechanics.machine import Machine
+from zmp_sqp.mechanics.motion_bounds import WrenchBound
 from zmp_sqp.planning.trajectory import Trajectory
 
-__all__ = ["check_arguments", "check_drift"]
+__all__ = ["check_arguments", "check_drift", "reason_of_doubt"]
 
 DRIFT = 1e-6  # [rad/s or m/s, rad or m] that the nodes may add up to beside what the accelerations give
 OPERATIONS = 100.0  # roundings of one unit that add up from node to node, and to spare
@@ -45,3 +46,23 @@ def check_drift(trajectory: Trajectory) -> None:
             allowed = DRIFT + OPERATIONS * EPSILON * float(np.abs(values).sum(axis=0).max())
         if not drift <= allowed:
             raise TrajectoryError(f"{name} drift by {drift:.3g} away from what the accelerations produce")
+
+
+def reason_of_doubt(trajectory: Trajectory, rounding: WrenchBound, *, exhausted: bool) -> str:
+    """Why nothing can be proven of the margin between samples that have one, in words.
+
+    Args:
+        trajectory: The motion.
+        rounding: How far the wrench may be from what is computed in each interval, shape (N,).
+        exhausted: Whether more samples would have been looked at than there is time for.
+    """
+    vague = ~(np.isfinite(rounding.force) & np.isfinite(rounding.moment))
+    if vague.any():
+        when = float(trajectory.times[int(np.argmax(vague))])
+        base = trajectory.base
+        if base is not None and not base.ground.uniform:
+            return f"from {when:.2f} s on it is not known to 1 mm where the base drives; give more nodes, or less turn"
+        return f"from {when:.2f} s on the bounds overflow; the motion is too fast, or its machine too large"
+    if exhausted:
+        return "the motion is so fast, or so long, that bounds between its samples stay too loose"
+    return "between samples, or by rounding, the ground may have to hold the machine down"

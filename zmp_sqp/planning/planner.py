@@ -13,6 +13,7 @@ import numpy as np
 from zmp_sqp.arrays import Array, finite_number
 from zmp_sqp.errors import ProblemError, TrajectoryError
 from zmp_sqp.planning.answer import Plan, Status
+from zmp_sqp.planning.base_check import CORRIDOR, BaseCheck, check_base
 from zmp_sqp.planning.certificate import Certificate
 from zmp_sqp.planning.driving import DrivingTranscription
 from zmp_sqp.planning.formulation import (
@@ -33,13 +34,15 @@ from zmp_sqp.planning.single_thread import one_blas_thread
 from zmp_sqp.planning.trajectory import Trajectory
 from zmp_sqp.planning.transcription import PathBounds, Transcription
 from zmp_sqp.planning.unicycle_motion import UnicycleMotion
-from zmp_sqp.sqp.backends import make_backend
+from zmp_sqp.sqp.backends import QPBackend, make_backend
+from zmp_sqp.sqp.backends.deadline import Punctual
 from zmp_sqp.sqp.result import IterationRecord, SQPResult, SQPStatus
 from zmp_sqp.sqp.solver import SQP, SQPSettings
 
 __all__ = ["plan"]
 
 FALLBACK = "piqp"
+MOST_DENSE = 800  # accelerations (intervals times coordinates) up to which ProxQP is asked first: QPs grow as cubes
 SAME_DURATION = 1e-6  # relative: of two solutions as fast as that, the later one has converged
 EPSILON = 1e-9
 MAX_TIGHTENINGS = 6
@@ -60,6 +63,8 @@ OUTCOMES = {
     SQPStatus.ITERATION_LIMIT: Status.ITERATION_LIMIT,
 }
 
+BLIND = (Status.INFEASIBLE, Status.FAILED, Status.UNSAFE_BETWEEN_NODES)  # where it may be the base alone that is wrong
+
 
 @one_blas_thread()
 def plan(
@@ -79,8 +84,10 @@ def plan(
 
     Args:
         problem: The question.
-        qp_solver: "proxqp", "piqp" (sparse; for many intervals), or "qpsolvers:NAME".
-        time_budget: No new iteration starts after this long [s]; None for as long as it takes.
+        qp_solver: "proxqp", "piqp" (sparse; for many intervals), or "qpsolvers:NAME". Beyond 800 accelerations
+            (intervals times joints) "proxqp" gives way to "piqp", which takes seconds where dense QPs take minutes.
+        time_budget: No new QP starts after this long [s]; one that has begun is brought to its end. None for as long as
+            it takes.
         progress: Called after every iteration with its record.
 
     Returns:
@@ -97,8 +104,7 @@ def plan(
         if finite_number(time_budget, name="time_budget", error=ProblemError) <= 0.0:
             raise ProblemError(f"time_budget must be positive, not {time_budget} s")
         deadline = started + float(time_budget)
-    backend = make_backend(qp_solver)
-    fallback = make_backend(FALLBACK) if qp_solver != FALLBACK else None
+    backend, fallback = _backends(problem, qp_solver, deadline)
     model = stage_model(problem)
     start, goal = boundaries(problem)
     bounds = path_bounds(problem, tightened=0.0)
@@ -118,6 +124,7 @@ def plan(
     duration = least
     route = None if problem.base is None else np.vstack([problem.base.start[:2], problem.base.goal[:2]])
     reach = 0.0 if problem.machine.support is None else problem.machine.support.reach
+    corridor = 0.0  # [m] by which x and y bounds are drawn in
 
     def solve(
         bounds: PathBounds, controls: Array, S: float, ties: Any = None, iterations: int = MAX_ITERATIONS
@@ -128,7 +135,8 @@ def plan(
         )
         nlp: Program = of_coordinates
         if problem.base is not None:
-            nlp = DrivingTranscription(of_coordinates, problem.base, problem.base_ground, reach=reach)
+            ground = problem.base_ground
+            nlp = DrivingTranscription(of_coordinates, problem.base, ground, reach=reach, drawn_in=corridor)
         settings = SQPSettings(deadline=deadline, max_iterations=iterations)
         result = SQP(backend, fallback, settings, progress).minimize(nlp, nlp.pack(controls, S))
         history.extend(result.history)
@@ -156,7 +164,7 @@ def plan(
             break
     (nlp, result), ties = best, None
     duration = nlp.reference
-    if result.status in (SQPStatus.OPTIMAL, SQPStatus.FEASIBLE):
+    if result.status in (SQPStatus.OPTIMAL, SQPStatus.FEASIBLE) and not _is_past(deadline):
         # the ZMP costs time: let the accelerations follow it within the intervals
         controls, S = nlp.unpack(result.x)[2:]
         looser = replace(bounds, least_duration=lower_bound)  # the grid's bound is one of constant accelerations
@@ -171,6 +179,7 @@ def plan(
             (nlp, result), bounds = refined, looser
     tightened, obstacle = 0.0, ""
     attempt: Trajectory | None = None
+    held: BaseCheck | None = None
     for _ in range(MAX_TIGHTENINGS):
         try:
             attempt = motion = trajectory(problem, nlp, result.x)
@@ -183,6 +192,7 @@ def plan(
             break
         status = OUTCOMES.get(result.status, Status.FAILED)
         proven = checked.safe and problem.is_met_by(motion)
+        held = None if problem.base is None or motion.base is None else check_base(problem.base, motion.base)
         if proven and not status.success:  # the proof does not ask how the motion was found
             status = Status.SAFE
         if not status.success or proven:
@@ -193,13 +203,22 @@ def plan(
         if problem.distance_limits is not None and not checked.limits_ok:
             status = Status.JOINT_LIMITS  # drawing in the ZMP's rows does not mend that
             break
+        if _is_past(deadline):
+            status = Status.TIME_BUDGET
+            break
         status = Status.UNSAFE_BETWEEN_NODES  # unless the next round mends it
-        tightened += 1.5 * max(problem.margin - checked.margin, GUARD)
+        outside = held.outside if held is not None and np.isfinite(held.outside) else 0.0
+        if outside > CORRIDOR:
+            corridor += 1.5 * outside
+        if outside <= CORRIDOR or checked.margin < problem.margin:
+            tightened += 1.5 * max(problem.margin - checked.margin, GUARD)
         drawn_in = replace(path_bounds(problem, tightened=tightened), least_duration=bounds.least_duration)
         linear = nlp.hold is LINEAR
         nlp, result = solve(
             drawn_in, *nlp.unpack(result.x)[2:], *((ties, REFINEMENTS) if linear else (None, MAX_ITERATIONS))
         )
+    if status in BLIND and held is not None and held.fault and checked.margin >= problem.margin:
+        status = Status.BASE
     return Plan(
         problem=problem,
         status=status,
@@ -213,6 +232,22 @@ def plan(
         qp_solver=qp_solver,
         attempt=attempt,
     )
+
+
+def _backends(problem: Problem, qp_solver: str, deadline: float | None) -> tuple[QPBackend, QPBackend | None]:
+    """The QP solver that was asked for and its fallback; dense ProxQP gives way to sparse PIQP where it is too slow."""
+    backend = make_backend(qp_solver)
+    size = problem.intervals * (problem.coordinates.size + 2 * (problem.base is not None))
+    if qp_solver == "proxqp" and size > MOST_DENSE:
+        backend = make_backend(FALLBACK)
+    fallback = make_backend(FALLBACK) if backend.name != FALLBACK else None
+    if deadline is None:
+        return backend, fallback
+    return Punctual(backend, deadline), None if fallback is None else Punctual(fallback, deadline)
+
+
+def _is_past(deadline: float | None) -> bool:
+    return deadline is not None and time.perf_counter() > deadline
 
 
 def _is_better(found: tuple[Program, SQPResult], best: tuple[Program, SQPResult]) -> bool:

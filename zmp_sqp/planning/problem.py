@@ -11,8 +11,9 @@ from zmp_sqp.arrays import Array, finite_number, frozen_array, shortened
 from zmp_sqp.errors import MachineError, ProblemError
 from zmp_sqp.mechanics.ground import Ground, Slope, Terrain
 from zmp_sqp.mechanics.machine import Machine
+from zmp_sqp.planning.base_check import ARRIVAL as BASE_ARRIVAL
 from zmp_sqp.planning.coordinates import Coordinates
-from zmp_sqp.planning.robustness import Corner, corners
+from zmp_sqp.planning.robustness import Corner, com_box, corners
 from zmp_sqp.planning.simplified import FORM_TOLERANCE, DistanceLimits, simplified_coordinates
 from zmp_sqp.planning.statics import check_at_rest, check_in_motion, gravity_under
 from zmp_sqp.planning.trajectory import Trajectory
@@ -25,9 +26,7 @@ MOST_ACCELERATIONS = 10_000  # intervals times joints: memory goes with the squa
 MODELS = ("full", "simplified")
 ARRIVAL = 1e-6  # [rad or m, and per second, relative above one] how far a motion may miss what is asked for
 UNCERTAINTIES = (("tipping_fraction", 0.1, 1.0), ("payload_uncertainty", 0.0, 0.9), ("slope_uncertainty", 0.0, 0.5))
-FARTHEST_COM = 10.0  # [m]
 FARTHEST = 1e5  # [rad or m] coordinates beyond it leave too few digits
-BASE_ARRIVAL = 1e-5  # [m or rad] likewise for the pose of a base
 LIMIT_TOLERANCE = 1e-9  # [rad or m] rounding that a start or goal may stand outside its limits
 LIMIT_RANGE = (1e-12, 1e12)  # [rad or m, per second, per second squared] beyond, squares of durations overflow
 
@@ -160,15 +159,8 @@ class Problem:
             if not lower <= value <= upper:
                 raise ProblemError(f"{name} must lie within [{lower:g}, {upper:g}], not {value:g}")
             object.__setattr__(self, name, value)
-        name, given = "payload_com_uncertainty", self.payload_com_uncertainty
-        if np.ndim(given) == 0:
-            given = np.full(3, finite_number(given, name=name, error=ProblemError))
-        box = frozen_array(given, name=name, shape=(3,), error=ProblemError, labels=("x", "y", "z"))
-        if not ((box >= 0.0) & (box <= FARTHEST_COM)).all():
-            raise ProblemError(
-                f"{name} must lie within [0, {FARTHEST_COM:g}] m along each axis, not {shortened(given)}"
-            )
-        object.__setattr__(self, name, box)
+        name = "payload_com_uncertainty"
+        object.__setattr__(self, name, com_box(getattr(self, name), name=name))
         self.corners()
 
     def _check_base(self) -> None:

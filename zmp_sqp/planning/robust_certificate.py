@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 from zmp_sqp.planning.certificate import Certificate, certify
 from zmp_sqp.planning.problem import Problem
+from zmp_sqp.planning.robustness import Corner
 from zmp_sqp.planning.trajectory import Trajectory
+from zmp_sqp.planning.unicycle import UnicycleBase
 
-__all__ = ["certify_for"]
+__all__ = ["certify_at", "certify_for"]
 
 
 def certify_for(problem: Problem, trajectory: Trajectory) -> Certificate:
@@ -21,11 +24,18 @@ def certify_for(problem: Problem, trajectory: Trajectory) -> Certificate:
         problem: With its margin, its base and what is uncertain.
         trajectory: The motion.
     """
+    return certify_at(problem.corners(every=True), trajectory, problem.margin, base=problem.base)
+
+
+def certify_at(
+    corners: Iterable[Corner], trajectory: Trajectory, margin: float, *, base: UnicycleBase | None = None
+) -> Certificate:
+    """The least of the guarantees at these corners, arguments as in `certify`."""
     found = [
         replace(
-            certify(corner.machine, trajectory, corner.ground, problem.margin, base=problem.base, spread=corner.spread),
+            certify(corner.machine, trajectory, corner.ground, margin, base=base, spread=corner.spread),
             corner=corner.text,
         )
-        for corner in problem.corners(every=True)
+        for corner in corners
     ]
     return min(found, key=lambda certificate: certificate.margin)

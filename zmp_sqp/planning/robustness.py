@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import product
+from typing import Any
 
 import numpy as np
 
-from zmp_sqp.arrays import Array
+from zmp_sqp.arrays import Array, finite_number, frozen_array, shortened
 from zmp_sqp.errors import ProblemError
 from zmp_sqp.mechanics.ground import Ground, Slope
 from zmp_sqp.mechanics.machine import Machine
 
-__all__ = ["Corner", "corners", "leaning_corners"]
+__all__ = ["Corner", "com_box", "corners", "leaning_corners"]
+
+FARTHEST_COM = 10.0  # [m]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,6 +120,23 @@ def corners(
         for load, heavy in loads
         for plane, leaning in grounds
     )
+
+
+def com_box(given: Any, *, name: str) -> Array:
+    """Half the sides of the box that a centre of mass is in, shape (3,) [m].
+
+    Args:
+        given: Scalar for a cube, or one per axis.
+        name: How errors call it.
+
+    Raises:
+        ProblemError: Neither one nor three finite numbers, a negative one, or one of more than ten metres.
+    """
+    box = np.full(3, finite_number(given, name=name, error=ProblemError)) if np.ndim(given) == 0 else given
+    box = frozen_array(box, name=name, shape=(3,), error=ProblemError, labels=("x", "y", "z"))
+    if not ((box >= 0.0) & (box <= FARTHEST_COM)).all():
+        raise ProblemError(f"{name} must lie within [0, {FARTHEST_COM:g}] m along each axis, not {shortened(given)}")
+    return box
 
 
 def _displaced(offset: Array) -> str:

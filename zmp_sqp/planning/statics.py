@@ -60,11 +60,19 @@ def check_at_rest(name: str, corners: tuple[Corner, ...], q: Array, *, pose: Arr
         margin: Kept from the edges [m].
 
     Raises:
-        ProblemError: It tips over; the message gives ZMP, edge, by how much, and what it could stand.
+        ProblemError: It tips over; the message gives ZMP, edge, by how much, and what it could stand. Or the slope is
+            so uncertain that gravity may point away from the ground.
     """
     place = _Place(q, pose, margin)
     for corner in corners:
-        over, edge, point = place.outside(corner.machine, corner.ground)
+        try:
+            over, edge, point = place.outside(corner.machine, corner.ground)
+        except ContactLost:
+            extreme, _ = _circumstances(corner, margin)
+            raise ProblemError(
+                f"the machine falls off the ground at rest at the {name}{extreme}: gravity would point away from the "
+                "ground; give a gentler slope, or less slope_uncertainty"
+            ) from None
         if over <= TOLERANCE or corner.machine.support is None:
             continue
         extreme, kept = _circumstances(corner, margin)

@@ -12,6 +12,7 @@ from zmp_sqp.arrays import Array
 from zmp_sqp.planning.hold import CONSTANT, LINEAR, Hold
 from zmp_sqp.planning.layout import layout_of
 from zmp_sqp.planning.model import StageModel, extra_curvature, wrench_curvature
+from zmp_sqp.planning.null_space import null_space, with_last_column
 from zmp_sqp.sqp.nlp import Basis, Evaluation, Linearization
 
 __all__ = ["Boundary", "PathBounds", "Transcription"]
@@ -100,10 +101,8 @@ class Transcription:
         self._rate_share = bounds.velocity * reference / self.rate_scale
         self._control_share = bounds.acceleration * S / self.control_scale
         self._control_step = self.control_scale / self.rate_scale / intervals
-        self._basis_Z, self._free = self.layout.basis(self.rate_scale, self.control_scale), self.layout.free
-        if ties is not None:
-            self._basis_Z = np.hstack([self._basis_Z[:, :-1] @ ties, self._basis_Z[:, -1:]])
-            self._free = self._free[:0]
+        self._basis_Z = null_space(self.layout, self.rate_scale, self.control_scale, ties)
+        self._free = self.layout.free if ties is None else self.layout.free[:0]
         self._start_rate, self._goal_rate = (side.v * reference / self.rate_scale for side in (start, goal))
         self._stage_scale = np.concatenate([np.ones(self.n), self.rate_scale, self.control_scale, [S]])
         scales = np.ones(self.n), self.rate_scale, np.tile(self.control_scale, hold.controls), [S]
@@ -281,10 +280,8 @@ class Transcription:
         layout, n, N = self.layout, self.n, self.N
         Z = self._basis_Z
         if self._start_rate.any():
-            Z = Z.copy()
-            Z[layout.rates, -1] = np.tile(root_slope * self._start_rate, N + 1)
-            first = self.rate_scale * root_slope * self._start_rate
-            Z[layout.positions, -1] = np.outer(np.arange(N + 1) / N, first).ravel()
+            moved = np.outer(np.arange(N + 1) / N, self.rate_scale * root_slope * self._start_rate)
+            Z = with_last_column(Z, moved, np.tile(root_slope * self._start_rate, N + 1), layout)
         gaps, d = equalities[: layout.eliminated], np.zeros(layout.size)
         if np.abs(gaps).max() > 0.0:
             first_q, first_w = gaps[:n] / self._position_weight, gaps[n : 2 * n]

@@ -37,7 +37,7 @@ class UnicycleBase:
         max_yaw_acceleration: [rad/s^2].
         start_velocity: Speed and yaw rate at the start, shape (2,) [m/s, rad/s]; None is rest.
         goal_velocity: Likewise at the goal.
-        x_bounds: Least and largest x at the nodes (between them it may pass by millimetres) [m]; None is no bound.
+        x_bounds: Least and largest x at any time [m]; None is no bound.
         y_bounds: Likewise of y.
 
     Raises:

@@ -11,21 +11,18 @@ from zmp_sqp.arrays import Array, Indices, frozen_array, shortened
 from zmp_sqp.errors import TrajectoryError
 from zmp_sqp.mechanics.ground import Slope, Terrain
 from zmp_sqp.planning.place_curve import SHARES, PlaceCurve
-from zmp_sqp.planning.unicycle import UnicycleBase
 
-__all__ = ["ARRIVAL", "BASE_COLUMNS", "PLANE", "UnicycleMotion", "base_excess"]
+__all__ = ["BASE_COLUMNS", "PLANE", "UnicycleMotion"]
 
 BASE_COLUMNS = (
     "base.x", "base.y", "base.yaw", "base.speed", "base.yaw_rate", "base.acceleration", "base.yaw_acceleration",
     "base.jerk", "base.yaw_jerk",
 )  # fmt: skip
 CONSISTENCY = 1e-6  # [m, rad, per second] how far a file's nodes may be from what its accelerations give
-ARRIVAL = 1e-3  # [m or rad] farthest from the goal that counts as there
-RATE_ARRIVAL = 1e-6  # [m/s, rad/s, relative above one]
-CORRIDOR = 1e-6  # [m] farthest outside x and y bounds at a node
 PLANE = Slope()
 PLANAR = " in a plane; if it drove over a heightmap, give that as its ground"
 LONGEST = 0.1  # [s] of a piece of path over uneven ground that is one polynomial
+WIDEST = 0.1  # [rad] of yaw likewise: how well the path is known goes with the cube of the turn
 MOST_PIECES = 20_000  # however long the motion is
 
 
@@ -176,29 +173,6 @@ class UnicycleMotion:
         return cls(times, table[:, :3], table[:, 3:5], table[:-1, 5:7], table[:-1, 7:9], ground)
 
 
-def base_excess(base: UnicycleBase, motion: UnicycleMotion) -> float:
-    """Largest excess over speed and acceleration limits at any time, in closed form; infinite if it does not arrive.
-
-    Arriving means start and goal pose within 1 mm and 1 mrad, speed and yaw rate there within 1e-6, and x, y bounds
-    kept at the nodes.
-    """
-    v, a, j, h = motion.velocities, motion.accelerations, motion.jerks, np.diff(motion.times)[:, None]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        turn = -a / j
-    turn = np.where((turn > 0.0) & (turn < h), turn, 0.0)
-    limits, lower, upper = base.limits, *base.corridor
-    rates = np.vstack([v, v[:-1] + turn * a + 0.5 * turn**2 * j])
-    pushes = np.vstack([a, a + h * j])
-    off = np.abs(motion.poses[[0, -1]] - np.vstack([base.start, base.goal]))
-    places = motion.poses[:, :2]
-    outside = max(float((places - upper).max()), float((lower - places).max()))
-    asked = np.vstack([base.start_velocity, base.goal_velocity])
-    late = np.abs(v[[0, -1]] - asked) > RATE_ARRIVAL * (1.0 + np.abs(asked))
-    if off.max() > ARRIVAL or late.any() or outside > CORRIDOR:
-        return np.inf
-    return float(max((np.abs(rates) - limits.velocity).max(), (np.abs(pushes) - limits.acceleration).max()))
-
-
 def _yaw(pose: Array, velocity: Array, a: Array, j: Array, since: Array) -> Array:
     """Yaw at times (K, s) after the starts of K intervals."""
     return np.asarray(pose[:, 2:] + since * velocity[:, 1:] + 0.5 * since**2 * a[:, 1:] + since**3 * j[:, 1:] / 6.0)
@@ -212,7 +186,9 @@ def _curve(
         raise TrajectoryError(f"a base drives on a Slope or a Heightmap, not on {shortened(ground)}")
     parts = np.ones(len(steps), dtype=int)
     if not ground.uniform:
-        parts = np.ceil(steps / max(LONGEST, float(steps.sum()) / MOST_PIECES)).astype(int).clip(1)
+        turn = steps * (np.abs(velocity[:, 1]) + steps * (np.abs(a[:, 1]) + 0.5 * steps * np.abs(j[:, 1])))
+        wanted = np.maximum(steps / LONGEST, turn / WIDEST)
+        parts = np.ceil(wanted * (MOST_PIECES / max(float(wanted.sum()), MOST_PIECES))).astype(int).clip(1)
     number = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
     t = np.repeat(steps / parts, parts)[:, None] * (number[:, None] + SHARES)  # (pieces, points)
     pose, velocity, a, j, places = *(np.repeat(part, parts, axis=0) for part in (pose, velocity, a, j)), pose[:, :2]

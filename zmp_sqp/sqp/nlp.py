@@ -50,14 +50,14 @@ class Basis:
     .. math:: A_{1..e}\, dx = -c_{1..e} \iff dx = d + Z\, dx_{free}
 
     Attributes:
-        Z: Shape (n, r).
+        Z: Shape (n, r); an array, or what has its products with arrays.
         d: Particular solution that closes the gaps, shape (n,).
         free: Indices of the r free variables (controls and final time), at which Z is the identity and d is zero, shape
             (r,); empty if there are no such variables, because the basis ties controls to each other.
         eliminated: How many equalities, from the first on, this basis satisfies.
     """
 
-    Z: Array
+    Z: Any
     d: Array
     free: Indices
     eliminated: int

@@ -42,7 +42,7 @@ class SQPSettings:
         max_iterations: QPs at most.
         curvature_from: Least sum of multipliers of nonlinear rows for which their curvature is computed.
         floor: Least eigenvalue of the convexified Hessian.
-        deadline: `time.perf_counter()` value after which no new iteration starts; None for none.
+        deadline: `time.perf_counter()` value after which no new QP of the SQP's own starts; None for none.
     """
 
     feasibility: float = 2e-7
@@ -123,6 +123,9 @@ class SQP:
             if self.report is not None:
                 self.report(entry)
 
+        def late() -> bool:
+            return settings.deadline is not None and time.perf_counter() > settings.deadline
+
         def finish(status: SQPStatus) -> SQPResult:
             if last_feasible is None:
                 return SQPResult(x, y, z, status, lin.at, tuple(history))
@@ -142,7 +145,7 @@ class SQP:
                     return finish(SQPStatus.OPTIMAL)
             if len(history) >= settings.max_iterations:
                 return finish(SQPStatus.ITERATION_LIMIT)
-            if settings.deadline is not None and time.perf_counter() > settings.deadline:
+            if late():
                 return finish(SQPStatus.TIME_LIMIT)
             if last_feasible is not None and creeps(history, settings.feasibility):
                 return finish(SQPStatus.FEASIBLE)
@@ -161,6 +164,8 @@ class SQP:
             curved = merit.breaks_ties and weight > settings.curvature_from
             accepted, stationary = None, False
             for curvature in (True, False) if curved else (False,):
+                if late():
+                    return finish(SQPStatus.TIME_LIMIT)
                 model = self._model(nlp, x, y, z, subproblem, merit.gradient(lin), curvature=curvature, damping=damping)
                 step = self._step(subproblem, model, (y, z), merit, elastic=refused)
                 if not step.solved:
@@ -176,6 +181,8 @@ class SQP:
                 if accepted is not None:
                     break
             if accepted is None:
+                if late():
+                    return finish(SQPStatus.TIME_LIMIT)
                 if step.solved and stationary:
                     damping, refused = 0.0, False
                     continue

@@ -29,6 +29,8 @@ SETTINGS: dict[str, dict[str, Any]] = {
         "eps_duality_gap_abs": 1e-7,
     },
 }
+# What those that can stop in time call the limit [s].
+TIME_LIMITS = {"clarabel": "time_limit", "highs": "time_limit", "osqp": "time_limit", "scs": "time_limit_secs"}
 
 
 class QPSolvers:
@@ -47,6 +49,7 @@ class QPSolvers:
             raise ProblemError(f"qpsolvers finds no solver {solver!r}; installed: {found}")
         self.name = f"qpsolvers:{solver}"
         self._solver = solver
+        self.time_limit: float | None = None  # [s] for solvers that know one
 
     def solve(self, qp: QP, *, warm: QPSolution | None = None) -> QPSolution:
         """Solution; a solver's own exception counts as not solved."""
@@ -57,11 +60,14 @@ class QPSolvers:
         stack = sp.vstack if qp.is_sparse else np.vstack
         G, h = stack([C[upper], -C[lower]]), np.concatenate([qp.u[upper], -qp.l[lower]])
         convert = sp.csc_matrix if qp.is_sparse or self._solver in SPARSE else np.asarray
+        settings = dict(SETTINGS.get(self._solver, {}))
+        if self.time_limit is not None and self._solver in TIME_LIMITS:
+            settings[TIME_LIMITS[self._solver]] = self.time_limit
         problem = qpsolvers.Problem(convert(qp.H), qp.g, convert(G), h, convert(qp.A), qp.b)
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                answer = qpsolvers.solve_problem(problem, self._solver, **SETTINGS.get(self._solver, {}))
+                answer = qpsolvers.solve_problem(problem, self._solver, **settings)
         except Exception:  # each backend has exceptions of its own; the caller falls back
             return QPSolution.nothing(qp, self.name)
         if answer.x is None or answer.z is None or answer.y is None:
