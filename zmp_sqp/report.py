@@ -32,7 +32,7 @@ __all__ = [
     "versions",
 ]
 
-PACKAGES = ("numpy", "scipy", "pin", "proxsuite", "piqp", "qpsolvers")  # whose versions a result names
+PACKAGES = ("numpy", "scipy", "pin", "proxsuite", "daqp", "piqp", "qpsolvers")  # whose versions a result names
 RESULT_KEYS = """\
 --json writes one object; SI units, null where there is no value:
   scenario, title           what was planned
