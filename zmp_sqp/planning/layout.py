@@ -65,9 +65,14 @@ class Layout:
         return 3 * self.N * self.E
 
     @property
+    def control_rows(self) -> slice:
+        """Of the inequalities."""
+        return slice(self.wrench_rows, self.wrench_rows + 2 * self.hold.controls * self.N * self.n)
+
+    @property
     def rate_rows(self) -> slice:
         """Of the inequalities."""
-        first = self.wrench_rows + 2 * self.hold.controls * self.N * self.n
+        first = self.control_rows.stop
         return slice(first, first + 2 * (self.N + 1 + len(self.hold.rate_points) * self.N) * self.n)
 
     @property

@@ -26,11 +26,12 @@ from zmp_sqp.planning.formulation import (
     trajectory,
 )
 from zmp_sqp.planning.guess import initial_guess, kinematic_lower_bound
-from zmp_sqp.planning.hold import CONSTANT, LINEAR, slope_ties
+from zmp_sqp.planning.hold import CONSTANT, LINEAR, Hold
 from zmp_sqp.planning.messages import failure_message
 from zmp_sqp.planning.problem import Problem
 from zmp_sqp.planning.robust_certificate import certify_for
 from zmp_sqp.planning.single_thread import one_blas_thread
+from zmp_sqp.planning.slopes import free_slopes, linear_controls
 from zmp_sqp.planning.trajectory import Trajectory
 from zmp_sqp.planning.transcription import PathBounds, Transcription
 from zmp_sqp.planning.unicycle_motion import UnicycleMotion
@@ -53,7 +54,6 @@ MAX_ITERATIONS = 100
 GUESSES = ((1.0, False, 3), (1.1, False, MAX_ITERATIONS), (1.5, True, MAX_ITERATIONS), (2.5, False, MAX_ITERATIONS))
 SLOW = 1.1
 REFINEMENTS = 30  # iterations with linear accelerations; what is not feasible by then is dropped
-FEW_CONTROLS = 120  # up to so many, each interval's slope is free; beyond, it follows from its neighbours
 OUTCOMES = {
     SQPStatus.OPTIMAL: Status.OPTIMAL,
     SQPStatus.BOUND_REACHED: Status.FASTEST_POSSIBLE,
@@ -126,17 +126,19 @@ def plan(
     reach = 0.0 if problem.machine.support is None else problem.machine.support.reach
     corridor = 0.0  # [m] by which x and y bounds are drawn in
 
-    def solve(
-        bounds: PathBounds, controls: Array, S: float, ties: Any = None, iterations: int = MAX_ITERATIONS
-    ) -> tuple[Program, SQPResult]:
-        hold = CONSTANT if controls.shape[1] == 1 else LINEAR
+    def program(bounds: PathBounds, hold: Hold, ties: Any = None) -> Program:
         of_coordinates = Transcription(
             model, start, goal, bounds, intervals=problem.intervals, reference=duration, hold=hold, ties=ties
         )
-        nlp: Program = of_coordinates
-        if problem.base is not None:
-            ground = problem.base_ground
-            nlp = DrivingTranscription(of_coordinates, problem.base, ground, reach=reach, drawn_in=corridor)
+        if problem.base is None:
+            return of_coordinates
+        ground = problem.base_ground
+        return DrivingTranscription(of_coordinates, problem.base, ground, reach=reach, drawn_in=corridor)
+
+    def solve(
+        bounds: PathBounds, controls: Array, S: float, ties: Any = None, iterations: int = MAX_ITERATIONS
+    ) -> tuple[Program, SQPResult]:
+        nlp = program(bounds, CONSTANT if controls.shape[1] == 1 else LINEAR, ties)
         settings = SQPSettings(deadline=deadline, max_iterations=iterations)
         result = SQP(backend, fallback, settings, progress).minimize(nlp, nlp.pack(controls, S))
         history.extend(result.history)
@@ -168,12 +170,9 @@ def plan(
         # the ZMP costs time: let the accelerations follow it within the intervals
         controls, S = nlp.unpack(result.x)[2:]
         looser = replace(bounds, least_duration=lower_bound)  # the grid's bound is one of constant accelerations
-        ties = slope_ties(controls[:, 0]) if controls.size > FEW_CONTROLS else None
-        spread = (
-            np.repeat(controls, 2, axis=1)
-            if ties is None
-            else (ties @ controls.ravel()).reshape(-1, 2, controls.shape[2])
-        )
+        ties, spread = linear_controls(controls)
+        if ties is not None:
+            ties = free_slopes(ties, program(looser, LINEAR), nlp, result)
         refined = solve(looser, spread, S, ties, REFINEMENTS)
         if refined[1].status.is_feasible and refined[0].unpack(refined[1].x)[3] <= S:
             (nlp, result), bounds = refined, looser
