@@ -134,7 +134,7 @@ class SQP:
             here = (x, y, z, lin.at) if lin.at.violation <= settings.feasibility else last_feasible
             return SQPResult(*here[:3], status, here[3], tuple(history))
 
-        damping, refused = 0.0, False
+        damping, refused, undamped = 0.0, False, False
         previous_gradients: Array | None = None
         while True:
             if lin.at.violation <= settings.feasibility:
@@ -184,7 +184,9 @@ class SQP:
                 if late():
                     return finish(SQPStatus.TIME_LIMIT)
                 if step.solved and stationary:
-                    damping, refused = 0.0, False
+                    if undamped:  # at this point already: it would go round in circles
+                        return finish(SQPStatus.STALLED)
+                    damping, refused, undamped = 0.0, False, True
                     continue
                 refused = step.solved and bool(nonlinear.any())
                 damping = max(10.0 * damping, LEAST_DAMPING)
@@ -193,7 +195,7 @@ class SQP:
                 continue
             previous_gradients = gradients
             x, lin, length, corrected = accepted
-            damping, refused = next_damping(damping, length), False
+            damping, refused, undamped = next_damping(damping, length), False, False
             y, z = step.y, step.z
             record(
                 step.backend, inner=step.inner_iterations, rows=step.rows, length=length, curvature=curvature,
