@@ -167,7 +167,10 @@ def plan_base(
 def moving_base_zmp(
     machine: Machine, trajectory: Trajectory, base: BaseMotion | Trajectory | None, ground: Ground
 ) -> tuple[Array, Array]:
-    """ZMP of arm and base together from the complete wrench, on a fine grid and both sides of every jump.
+    """ZMP of arm and base together from the complete wrench, on both sides of every jump and between.
+
+    There are ten samples between any two neighbouring nodes of arm and base, however far apart these are: where the
+    arm's motion has few, as `phase_plane` makes them, the least margin may lie between; `certify` misses none.
 
     Args:
         machine: The machine.
