@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import zmp_sqp.cli as cli
 from zmp_sqp.report import RESULT_KEYS
-from zmp_sqp.scenario import load_scenario, shipped_scenarios
+from zmp_sqp.scenario import SCHEMA, load_scenario, shipped_scenarios
 
 TIPPING = """
 [machine]
@@ -275,6 +278,19 @@ def test_help_lists_scenarios_examples_and_exit_codes(arguments: list[str], caps
     for words in (*shipped_scenarios(), "examples:", "exit codes:"):
         assert words in printed
     assert max(len(line) for line in printed.splitlines()) <= 100
+
+
+def test_help_of_plan_names_every_key_of_a_scenario(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        cli.main(["plan", "--help"])
+    words = set(re.findall(r"\w+", capsys.readouterr().out))
+
+    def missing(keys: Mapping[str, Any]) -> set[str]:
+        inner = [missing(value.keys) for value in keys.values() if hasattr(value, "keys")]
+        named = {key for key in keys if key.removesuffix("_deg") in words or key in words}
+        return set(keys).difference(named).union(*inner)
+
+    assert not missing(SCHEMA.keys)
 
 
 def test_help_of_paper_explains_files_keys_and_exit_codes(capsys: pytest.CaptureFixture[str]) -> None:

@@ -80,7 +80,7 @@ def add_check(commands: Any, exit_codes: str) -> None:
     command.add_argument("--margin", type=float, default=0.0, metavar="M", help="[m] to keep from every edge")
     command.add_argument("--limits", metavar="FILE", help="joint_limits.yaml (default: the one beside the URDF)")
     command.add_argument("--contact-links", nargs="+", metavar="LINK", help="links that stand on the ground")
-    command.add_argument("--payload", type=float, metavar="KG", help="mass of what it carries")
+    command.add_argument("--payload", type=float, metavar="KG", help="mass of what it carries, taken as a point mass")
     command.add_argument("--payload-frame", metavar="LINK", help="the link that carries it")
     command.add_argument("--payload-com", type=float, nargs=3, metavar=("X", "Y", "Z"), help="[m] in that link's frame")
     command.add_argument(

@@ -34,7 +34,28 @@ EXIT_CODES = """\
 exit codes:
   0  done, and the motion is safe
   1  no motion was found, or it is unsafe; the diagnosis is printed
-  2  bad input; one sentence on standard error says what
+  2  bad input, or start or goal tips over at rest; one sentence on standard error says what
+"""
+SCENARIO_KEYS = """\
+keys of scenario files (TOML); SI units, angles in radians or, where a key ends in _deg, degrees;
+paths are relative to the file:
+  title               one line
+  [machine]           name (shipped) or urdf (file); point_masses (true drops rotational inertias);
+                      joint_limits (file), limits (table: position_lower, position_upper, velocity,
+                      acceleration, effort); support (table: vertices, height) or contact_links
+  [machine.payload]   mass [kg], com [m] in its frame, frame (a link),
+                      inertia [kg m^2] about com, 3 x 3 (default: a point mass)
+  [ground]            roll_deg (negative leans left), pitch_deg (positive is nose down)
+  [ground.heightmap]  instead: file (CSV or NPY), resolution [m], origin [m]
+  [motion]            start, goal, start_velocity, goal_velocity: a number per joint; or with _deg
+  [base]              start, goal: x, y, yaw [m, m, rad]; max_speed, max_acceleration, max_yaw_rate,
+                      max_yaw_acceleration; start_velocity, goal_velocity: speed, yaw rate;
+                      x_bounds, y_bounds [m]
+  [plan]              model (full or simplified), intervals, margin [m], qp_solver; uncertain:
+                      tipping_fraction (safe with the payload divided by it, too; ISO 10567: 0.75),
+                      payload_uncertainty (share of its mass and inertia: 0.1 is ten percent),
+                      payload_com_uncertainty [m] (one number, or one per axis of its frame),
+                      slope_uncertainty_deg (by which gravity may be off, in any direction)
 """
 
 
@@ -90,7 +111,7 @@ def _parser() -> argparse.ArgumentParser:
             "  zmp-sqp plan paper_1 --out out/paper_1      table, trajectory, figures\n"
             "  zmp-sqp plan my_machine.toml --json -       results for another program\n"
             "  zmp-sqp plan paper_1 --margin 0.3 --verbose\n\n"
-            f"{shipped}\n{RESULT_KEYS}\n{EXIT_CODES}"
+            f"{shipped}\n{SCENARIO_KEYS}\n{RESULT_KEYS}\n{EXIT_CODES}"
         ),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

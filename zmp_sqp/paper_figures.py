@@ -13,7 +13,7 @@ from zmp_sqp.errors import ProblemError
 from zmp_sqp.paper import BASE, Motions
 from zmp_sqp.planning import Trajectory
 from zmp_sqp.planning.base_bound import moving_base_zmp
-from zmp_sqp.planning.base_motion import SAMPLES, BaseMotion
+from zmp_sqp.planning.base_motion import BaseMotion
 from zmp_sqp.plots import draw_loci, new_figure, planner_colours, plot_zmp, sample_times, save
 
 if TYPE_CHECKING:
@@ -104,8 +104,10 @@ def _draw_moving_loci(motions: Motions, path: Path) -> None:
         raise ProblemError(f"machine {problem.machine.name!r} has no support polygon to draw")
     loci = {}
     for name, base in motions.bases.items():
-        points = moving_base_zmp(problem.machine, motions.arms[name], base, problem.ground)[1]
-        loci[name] = list(points.reshape(-1, SAMPLES, 2))
+        arm = motions.arms[name]
+        points = moving_base_zmp(problem.machine, arm, base, problem.ground)[1]
+        pieces = len(arm.times if base is None else np.union1d(arm.times, base.times)) - 1
+        loci[name] = list(points.reshape(pieces, -1, 2))
     figure = new_figure(width=5.4, height=6.0)
     draw_loci(figure, problem.machine.support, problem.gravity_at("start"), loci, window=WINDOW)
     save(figure, path)

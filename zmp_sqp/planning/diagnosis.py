@@ -29,7 +29,8 @@ class Diagnosis:
         largest_payload: Heaviest payload for which a motion was found [kg]; None if there is none, or no payload.
         steepest_slope: Tilt of the steepest slope in the same direction for which one was found [rad]; None likewise.
         time_outside: When the least-violating motion that was found is furthest out [s].
-        outside: By how much its ZMP leaves the polygon less the margin [m]; infinite where no motion was looked at.
+        outside: By how much its ZMP leaves the polygon less the margin, sampled [m]; negative where only the proof
+            fails, infinite where no motion was looked at.
         edge: Name of that edge.
     """
 
