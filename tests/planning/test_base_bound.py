@@ -257,3 +257,17 @@ def test_arm_and_base_in_one_trajectory_are_the_same_motion(distance: float) -> 
     np.testing.assert_allclose(pushes[~rests, :1], push[~rests], atol=ROUNDING)
     for still in (v[waits], a[waits], rates[rests], pushes[rests], rates[:, 1]):
         assert not still.any()
+
+
+@pytest.mark.parametrize("roll", [-0.4, -0.6])
+def test_an_arm_that_leaves_the_polygon_between_far_nodes_is_refused(roll: float) -> None:
+    """A phase-plane motion has three pieces; ten samples in each saw a margin of 8 mm where there are -11."""
+    machine, ground = paper_scene().load(), zs.Slope(roll=np.radians(roll))
+    arm = zs.phase_plane(machine, PAPER_START, PAPER_GOAL)
+    assert zs.certify(machine, arm, ground).sampled < -0.01
+    with pytest.raises(zs.ProblemError, match="the arm's motion alone misses the margin"):
+        plan_base(machine, arm, ground, distance=0.0, **LIMITS)
+    _, points = moving_base_zmp(machine, arm, None, ground)
+    assert machine.support is not None
+    found = machine.support.signed_distance(points).min()
+    assert found == pytest.approx(zs.certify(machine, arm, ground).sampled, abs=1e-4)

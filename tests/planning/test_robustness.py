@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from typing import Any
 
@@ -134,7 +135,7 @@ def test_a_plan_that_ignores_what_is_uncertain_is_not() -> None:
 
 def test_the_certificate_names_the_worst_corner() -> None:
     plan = demanding_plan()
-    assert plan.certificate.corner.startswith("payload 7333 kg, roll -2.0")
+    assert plan.certificate.corner.startswith("payload 7333 kg, the slope off by roll -2.0")
     least = min(
         zs.certify(corner.machine, plan.trajectory, corner.ground).margin for corner in plan.problem.corners(every=True)
     )
@@ -185,7 +186,10 @@ def test_derivatives_and_curvature_of_all_corners_at_once() -> None:
         ({"slope_uncertainty": 1.0}, r"slope_uncertainty must lie within \[0, 0.5\]"),
         ({"slope_uncertainty": "2 deg"}, r"slope_uncertainty"),
         ({"tipping_fraction": 0.2}, r"tips over at rest at the (start|goal) with payload 20000 kg"),
-        ({"slope_uncertainty": 0.3}, r"tips over at rest at the (start|goal) with roll [+-]17.2 and pitch"),
+        (
+            {"slope_uncertainty": 0.3},
+            r"tips over at rest at the (start|goal) with the slope off by roll [+-]17.2 and pitch",
+        ),
     ],
 )
 def test_bad_uncertainties_get_one_sentence(changes: dict[str, Any], message: str) -> None:
@@ -210,3 +214,28 @@ def test_without_a_payload_or_a_slope_there_is_nothing_to_be_uncertain_of() -> N
 
     with pytest.raises(zs.ProblemError, match="slope_uncertainty needs a Slope, not Level"):
         zs.Problem(bare, START, GOAL, Level(), slope_uncertainty=0.1)
+
+
+@pytest.mark.parametrize("roll", [-11.0, -13.0, -16.0])
+@pytest.mark.parametrize("options", [{"slope_uncertainty": np.radians(2.0)}, {"tipping_fraction": 0.75}, {}])
+def test_the_payload_and_the_slope_that_a_refusal_names_are_those_to_give(roll: float, options: dict[str, Any]) -> None:
+    """As the user gives them: with all that is uncertain of them, one per cent or 0.2 degrees more is refused."""
+    across = START + np.array([np.pi / 2, 0.0, 0.0, 0.0, 0.0])
+
+    def pose(mass: float, degrees: float) -> zs.Problem:
+        tree = zs.Payload(mass=mass, com=(0.0, 0.0, 3.323), frame="head")
+        loaded = zs.load_machine("feller_buncher").with_payload(tree)
+        ground = zs.Slope(roll=np.radians(degrees))
+        return zs.Problem(loaded, across, across, ground, margin=0.1, payload_com_uncertainty=0.1, **options)
+
+    with pytest.raises(zs.ProblemError, match="tips over at rest at the start") as refusal:
+        pose(6000.0, roll)
+    mass = float(re.search(r"the payload could be at most (\d+) kg", str(refusal.value))[1])
+    pose(mass, roll)
+    with pytest.raises(zs.ProblemError, match="tips over"):
+        pose(1.01 * mass + 1.0, roll)
+    slope = re.search(r"the slope at most ([\d.]+) degrees", str(refusal.value))
+    if slope is not None:
+        pose(6000.0, -float(slope[1]))
+        with pytest.raises(zs.ProblemError, match="tips over"):
+            pose(6000.0, -float(slope[1]) - 0.2)

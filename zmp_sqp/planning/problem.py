@@ -147,9 +147,12 @@ class Problem:
         Args:
             every: All that a proof needs, not only those that a search does.
         """
+        return self._corners_of(self.machine, self.ground, every=every)
+
+    def _corners_of(self, machine: Machine, ground: Ground, *, every: bool = False) -> tuple[Corner, ...]:
         return corners(
-            self.machine, self.ground, tipping_fraction=self.tipping_fraction,
-            payload_uncertainty=self.payload_uncertainty, slope_uncertainty=self.slope_uncertainty,
+            machine, ground, tipping_fraction=self.tipping_fraction, payload_uncertainty=self.payload_uncertainty,
+            slope_uncertainty=self.slope_uncertainty,
             payload_com_uncertainty=self.payload_com_uncertainty, every=every,
         )  # fmt: skip
 
@@ -271,7 +274,8 @@ class Problem:
         base_moves = self.base is not None and getattr(self.base, f"{name}_velocity").any()
         pose = None if self.base is None else getattr(self.base, name)
         if not (v.any() or base_moves):
-            check_at_rest(name, self.corners(), q, pose=pose, margin=self.margin)
+            asked = self.machine, self.ground, self._corners_of
+            check_at_rest(name, *asked, q, pose=pose, margin=self.margin)
         elif self.base is None:
             check_in_motion(name, self.corners(), q, v, margin=self.margin)
 

@@ -111,7 +111,7 @@ def corners(
             raise ProblemError(f"slope_uncertainty needs a Slope, not {type(ground).__name__}")
         grounds = []
         for gravity, roll, pitch in leaning_corners(ground, slope_uncertainty):
-            text = f"roll {roll:+.1f} and pitch {pitch:+.1f} degrees"
+            text = f"the slope off by roll {roll:+.1f} and pitch {pitch:+.1f} degrees"
             for tau in (np.cos(slope_uncertainty), 1.0) if every else (np.cos(slope_uncertainty),):
                 x, y, z = (float(part) for part in tau * gravity)
                 grounds.append((LeaningSlope(ground.roll, ground.pitch, (x, y, z)), text))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +18,9 @@ from zmp_sqp.planning.robustness import Corner
 __all__ = ["check_at_rest", "check_in_motion", "gentler", "gravity_under", "largest_share", "possible_instead"]
 
 TOLERANCE = 1e-9  # [m] rounding that a ZMP at rest may stand outside
-HALVINGS = 30  # of the share of payload or slope that a machine can stand
+HALVINGS = 20  # of the share of payload or slope that a machine can stand
+LEAST_SHARE = 1e-6  # of a payload that stands for none
+Corners = Callable[[Machine, Ground], Iterable[Corner]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,12 +51,16 @@ class _Place:
             return False
 
 
-def check_at_rest(name: str, corners: tuple[Corner, ...], q: Array, *, pose: Array | None, margin: float) -> None:
+def check_at_rest(
+    name: str, machine: Machine, ground: Ground, corners: Corners, q: Array, *, pose: Array | None, margin: float
+) -> None:
     """Refuse a pose that tips over at rest: no motion starts or ends there.
 
     Args:
         name: What the message calls it: start or goal.
-        corners: Payloads and slopes that it must stand.
+        machine: As it should be.
+        ground: Likewise.
+        corners: Payloads and slopes that such a machine on such a ground must stand.
         q: Joint coordinates, shape (n,).
         pose: Of a base that drives, x, y, yaw, shape (3,) [m, rad]; None stands as the ground says.
         margin: Kept from the edges [m].
@@ -63,8 +69,9 @@ def check_at_rest(name: str, corners: tuple[Corner, ...], q: Array, *, pose: Arr
         ProblemError: It tips over; the message gives ZMP, edge, by how much, and what it could stand. Or the slope is
             so uncertain that gravity may point away from the ground.
     """
-    place = _Place(q, pose, margin)
-    for corner in corners:
+    place, worst = _Place(q, pose, margin), TOLERANCE
+    found: tuple[Corner, int, Array] | None = None
+    for corner in corners(machine, ground):
         try:
             over, edge, point = place.outside(corner.machine, corner.ground)
         except ContactLost:
@@ -73,14 +80,21 @@ def check_at_rest(name: str, corners: tuple[Corner, ...], q: Array, *, pose: Arr
                 f"the machine falls off the ground at rest at the {name}{extreme}: gravity would point away from the "
                 "ground; give a gentler slope, or less slope_uncertainty"
             ) from None
-        if over <= TOLERANCE or corner.machine.support is None:
-            continue
-        extreme, kept = _circumstances(corner, margin)
-        raise ProblemError(
-            f"the machine tips over at rest at the {name}{extreme}: its ZMP ({point[0]:.3f}, {point[1]:.3f}) m lies "
-            f"{over:.3f} m outside the {corner.machine.support.edge_name(edge)} edge of the support polygon{kept}"
-            f"{possible_instead(corner.machine, corner.ground, place.stands)}"
-        )
+        if over > worst:
+            worst, found = over, (corner, edge, point)
+    if found is None or machine.support is None:
+        return
+    corner, edge, point = found
+    extreme, kept = _circumstances(corner, margin)
+
+    def stands(machine: Machine, ground: Ground) -> bool:
+        return all(place.stands(extreme.machine, extreme.ground) for extreme in corners(machine, ground))
+
+    raise ProblemError(
+        f"the machine tips over at rest at the {name}{extreme}: its ZMP ({point[0]:.3f}, {point[1]:.3f}) m lies "
+        f"{worst:.3f} m outside the {machine.support.edge_name(edge)} edge of the support polygon{kept}"
+        f"{possible_instead(machine, ground, stands)}"
+    )
 
 
 def check_in_motion(name: str, corners: tuple[Corner, ...], q: Array, v: Array, *, margin: float) -> None:
@@ -130,13 +144,13 @@ def possible_instead(machine: Machine, ground: Ground, stands: Callable[[Machine
     """What payload and what slope would do, in words, with a semicolon in front; empty if neither would.
 
     Args:
-        machine: With its payload, if it has one.
+        machine: With its payload, if it has one, as it should be.
         ground: If it is a Slope, gentler ones are tried.
-        stands: Whether a machine on a ground is safe.
+        stands: Whether a machine on a ground is safe for all that is uncertain of them.
     """
     parts = []
     if machine.payload_mass > 0.0:
-        share = largest_share(lambda mu: stands(machine.with_payload_scaled(mu), ground))
+        share = largest_share(lambda mu: stands(machine.with_payload_scaled(max(mu, LEAST_SHARE)), ground))
         if share is not None:
             parts.append(f"the payload could be at most {np.floor(share * machine.payload_mass):.0f} kg")
     if isinstance(ground, Slope) and (ground.roll or ground.pitch):
