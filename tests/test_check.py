@@ -176,3 +176,18 @@ def test_help_is_complete(capsys: pytest.CaptureFixture[str]) -> None:
     text = capsys.readouterr().out
     for word in ("--roll", "--payload-com", "--slope-uncertainty", "exit codes", "tip_over_energy", "feller_buncher"):
         assert word in text
+
+
+def test_a_payload_has_the_inertia_that_is_given(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    problem = load_scenario("paper_1_rigid").problem
+    motion = tmp_path / "motion.csv"
+    zs.plan(problem).trajectory.to_csv(motion)
+    tree = problem.machine.model.frames[-1].inertia
+    inertia = [f"{value:.17g}" for value in np.diag(tree.inertia)]
+    expected = zs.certify(problem.machine, zs.Trajectory.from_csv(motion, problem.machine), problem.ground)
+    payload = ("--payload", "4000", "--payload-frame", "head", "--payload-com", "0", "0", "3.323", "--roll", "-20")
+    arguments = ["check", "feller_buncher", str(motion), *payload, "--payload-inertia", *inertia, "--json", "-"]
+    assert main(arguments) == 0
+    assert json.loads(capsys.readouterr().out)["margin"] == pytest.approx(expected.margin, abs=1e-12)
+    assert main(["check", "feller_buncher", str(motion), "--payload-inertia", "1", "1", "1"]) == 2
+    assert "--payload-inertia belongs to a payload" in capsys.readouterr().err

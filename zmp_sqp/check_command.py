@@ -80,9 +80,13 @@ def add_check(commands: Any, exit_codes: str) -> None:
     command.add_argument("--margin", type=float, default=0.0, metavar="M", help="[m] to keep from every edge")
     command.add_argument("--limits", metavar="FILE", help="joint_limits.yaml (default: the one beside the URDF)")
     command.add_argument("--contact-links", nargs="+", metavar="LINK", help="links that stand on the ground")
-    command.add_argument("--payload", type=float, metavar="KG", help="mass of what it carries, taken as a point mass")
+    command.add_argument("--payload", type=float, metavar="KG", help="mass of what it carries")
     command.add_argument("--payload-frame", metavar="LINK", help="the link that carries it")
     command.add_argument("--payload-com", type=float, nargs=3, metavar=("X", "Y", "Z"), help="[m] in that link's frame")
+    command.add_argument(
+        "--payload-inertia", type=float, nargs=3, metavar=("XX", "YY", "ZZ"),
+        help="[kg m^2] about its centre of mass, along that link's axes (default: a point mass)",
+    )  # fmt: skip
     command.add_argument(
         "--tipping-fraction", type=float, default=1.0, metavar="SHARE",
         help="safe with the payload divided by this share, too (ISO 10567: 0.75; default: 1)",
@@ -146,8 +150,11 @@ def _machine(arguments: argparse.Namespace) -> Machine:
     given = [getattr(arguments, key) is not None for key in ("payload", "payload_frame", "payload_com")]
     if any(given) and not all(given):
         raise MachineError("--payload, --payload-frame and --payload-com belong together: give all three")
+    if arguments.payload_inertia is not None and not all(given):
+        raise MachineError("--payload-inertia belongs to a payload: give --payload, --payload-frame and --payload-com")
     if all(given):
-        payload = Payload(mass=arguments.payload, com=arguments.payload_com, frame=arguments.payload_frame)
+        inertia = None if arguments.payload_inertia is None else np.diag(arguments.payload_inertia)
+        payload = Payload(arguments.payload, arguments.payload_com, arguments.payload_frame, inertia)
         machine = machine.with_payload(payload)
     return machine.with_point_masses() if arguments.point_masses else machine
 

@@ -81,10 +81,7 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
 
 def sliding_joints(machine: Machine) -> tuple[str, ...]:
     """The joints whose coordinates are lengths, not angles."""
-    kinds = {name: machine.model.joints[machine.model.getJointId(name)].shortname() for name in machine.joint_names}
-    return tuple(
-        name for name, kind in kinds.items() if kind.startswith("JointModelP")
-    )  # PX, PY, PZ, PrismaticUnaligned
+    return tuple(name for name, unit in zip(machine.joint_names, machine.joint_units, strict=True) if unit == "m")
 
 
 def _find(name_or_path: str | Path) -> Path:

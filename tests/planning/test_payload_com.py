@@ -165,6 +165,7 @@ def test_a_scalar_is_a_cube_and_zero_is_nothing() -> None:
         ((0.1, np.nan, 0.0), r"payload_com_uncertainty.*y"),
         ((0.1, 0.2), r"payload_com_uncertainty"),
         ("much", r"payload_com_uncertainty"),
+        ((0.1, 0.2, 0.3, 0.4), r"must be one number, or three for x, y and z"),
         (11.0, r"within \[0, 10\] m"),
         (9.0, r"tips over at rest at the (start|goal) with its centre off by"),
     ],

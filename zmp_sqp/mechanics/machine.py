@@ -72,6 +72,13 @@ class Machine:
             full[:, at], full[:, at + 1] = np.cos(q[:, column]), np.sin(q[:, column])
         return full
 
+    @property
+    def joint_units(self) -> tuple[str, ...]:
+        """Of each joint's coordinate: "rad" where it turns, "m" where it slides."""
+        kinds = (self.model.joints[self.model.getJointId(name)].shortname() for name in self.joint_names)
+        # PX, PY, PZ, PrismaticUnaligned
+        return tuple("m" if kind.startswith("JointModelP") else "rad" for kind in kinds)
+
     def with_payload(self, payload: Payload) -> Machine:
         """The same machine with a payload fixed to one of its frames.
 

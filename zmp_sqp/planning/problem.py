@@ -254,8 +254,9 @@ class Problem:
         for i, joint in enumerate(self.machine.joint_names):
             lower, upper, rate = limits.position_lower[i], limits.position_upper[i], limits.velocity[i]
             if not lower - LIMIT_TOLERANCE <= q[i] <= upper + LIMIT_TOLERANCE:
+                unit = self.machine.joint_units[i]
                 raise ProblemError(
-                    f"{name} of joint {joint!r} is {q[i]:.6g}, outside its limits [{lower:.6g}, {upper:.6g}]"
+                    f"{name} of joint {joint!r} is {q[i]:.6g}, outside its limits [{lower:.6g}, {upper:.6g}] {unit}"
                 )
             if abs(v[i]) > rate * (1.0 + LIMIT_TOLERANCE):
                 raise ProblemError(f"{name} velocity of joint {joint!r} is {v[i]:.6g}, outside its limits +-{rate:.6g}")

@@ -133,6 +133,8 @@ def com_box(given: Any, *, name: str) -> Array:
         ProblemError: Neither one nor three finite numbers, a negative one, or one of more than ten metres.
     """
     box = np.full(3, finite_number(given, name=name, error=ProblemError)) if np.ndim(given) == 0 else given
+    if np.shape(box) != (3,):
+        raise ProblemError(f"{name} must be one number, or three for x, y and z, not {shortened(given)}")
     box = frozen_array(box, name=name, shape=(3,), error=ProblemError, labels=("x", "y", "z"))
     if not ((box >= 0.0) & (box <= FARTHEST_COM)).all():
         raise ProblemError(f"{name} must lie within [0, {FARTHEST_COM:g}] m along each axis, not {shortened(given)}")
