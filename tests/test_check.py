@@ -143,6 +143,28 @@ def test_a_drive_is_compared_with_the_bound_of_its_base_or_with_none(
     assert "exceeds the base's max_acceleration by 1 m/s^2" in fast["fault"]
 
 
+def test_a_drive_that_begins_too_fast_is_said_to_be_too_fast(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    way = base(goal=(-3.0, 0.0, 0.0), start_velocity=(-0.5, 0.0))
+    plan = zs.plan(paper_scene().problem(START, START, base=way, intervals=10))
+    plan.trajectory.to_csv(tmp_path / "drive.csv")
+    options = ["--roll", "-20", "--base-limits", "0.3", "9", "0.5", "1"]
+    fast = checked(tmp_path / "drive.csv", *options, code=1, capsys=capsys)
+    assert "exceeds the base's max_speed by" in fast["fault"]
+
+
+def test_a_payload_beyond_all_reason_is_refused(blind: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    load = ["--payload-frame", "head", "--payload-com", "0", "0"]
+    for numbers, message in (
+        ("1e308 3", "payload mass must be at most"),
+        ("4000 1e300", "payload com must lie within"),
+    ):
+        mass, height = numbers.split()
+        assert main(["check", "feller_buncher", str(blind), "--payload", mass, *load, height]) == 2
+        assert message in capsys.readouterr().err
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

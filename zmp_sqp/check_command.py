@@ -219,7 +219,7 @@ def _result(
 
 
 def _measures(machine: Machine, trajectory: Trajectory, ground: Slope | Heightmap) -> dict[str, float | None]:
-    """The worst of the other measures; null where the machine lifts off, or while its base drives."""
+    """The worst of the other measures; null where the machine lifts off, they overflow, or while its base drives."""
     names = {"load_transfer_ratio": max, "force_angle": min, "tip_over_energy": min}
     if trajectory.base is not None:
         return dict.fromkeys(names)
@@ -229,7 +229,7 @@ def _measures(machine: Machine, trajectory: Trajectory, ground: Slope | Heightma
     except ContactLost:
         return dict.fromkeys(names)
     values: dict[str, Array] = {name: getattr(measures, name) for name in names}
-    return {name: float(worst(values[name])) for name, worst in names.items()}
+    return {name: _finite(worst(values[name])) for name, worst in names.items()}
 
 
 def _finite(value: float) -> float | None:

@@ -232,3 +232,12 @@ def test_a_base_that_turns_fast_over_terrain_has_a_margin_or_a_reason_why_not(
     assert np.isfinite(found.sampled)
     assert not found.safe
     assert "not known to 1 mm where the base drives; give more nodes" in found.doubt
+
+
+def test_to_ask_for_a_negative_margin_asks_for_no_less_proof_than_to_ask_for_none() -> None:
+    """Without a margin this motion keeps to the edge by 0.01 mm, and so it does if less is asked for."""
+    scene = paper_scene()
+    plan = zs.plan(scene.problem(PAPER_START, PAPER_GOAL))
+    assert plan.success, plan.message
+    for margin in (0.0, -1e-6, -1.0):
+        assert zs.certify(scene.load(), plan.trajectory, scene.ground, margin).safe

@@ -14,6 +14,8 @@ from zmp_sqp.mechanics.inertia import checked_inertia
 
 __all__ = ["Payload"]
 
+HEAVIEST, FARTHEST = 1e12, 1e5  # [kg, m] beyond, products of masses and squared distances leave too few digits
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Payload:
@@ -27,7 +29,7 @@ class Payload:
             point mass.
 
     Raises:
-        MachineError: Mass not positive, anything not finite, or an inertia that no body has.
+        MachineError: Mass not positive, anything not finite or beyond all reason, or an inertia that no body has.
     """
 
     mass: float
@@ -39,9 +41,13 @@ class Payload:
         mass = finite_number(self.mass, name="payload mass", error=MachineError)
         if mass <= 0.0:
             raise MachineError(f"payload mass must be positive, not {mass} kg")
+        if mass > HEAVIEST:
+            raise MachineError(f"payload mass must be at most {HEAVIEST:g} kg, not {mass:g} kg")
         if not isinstance(self.frame, str):
             raise MachineError(f"payload frame must be the name of a link, not {self.frame!r}")
         com = frozen_array(self.com, name="payload com", shape=(3,), error=MachineError)
+        if np.abs(com).max() > FARTHEST:
+            raise MachineError(f"payload com must lie within +-{FARTHEST:g} m, not {com.tolist()}")
         object.__setattr__(self, "mass", mass)
         object.__setattr__(self, "com", com)
         if self.inertia is not None:

@@ -56,13 +56,13 @@ def check_base(base: UnicycleBase, motion: UnicycleMotion) -> BaseCheck:
     over = _rate_excess(base, motion)
     worst, fault = int(np.argmax(over)), _misses(base, motion)
     excess = np.inf if fault else max(float(over[worst]), outside)
+    if not over[worst] <= LIMIT_TOLERANCE:  # first, as nothing may begin or end at rates beyond the limits either
+        fault = f"exceeds the base's {NAMES[worst]} by {over[worst]:.3g} {UNITS[worst]}"
     if not fault and not outside <= CORRIDOR:
         where = f"{'xy'[axis]}_bounds near {when:.3f} s"
         fault = f"takes the base {outside:.3g} m out of its {where}"
         if not np.isfinite(outside):
             fault = f"may take the base out of its {where}: its path is not known well enough there, give more nodes"
-    if not fault and not over[worst] <= LIMIT_TOLERANCE:
-        fault = f"exceeds the base's {NAMES[worst]} by {over[worst]:.3g} {UNITS[worst]}"
     return BaseCheck(excess, outside, fault)
 
 

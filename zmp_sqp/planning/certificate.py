@@ -117,6 +117,7 @@ def certify(
         check_tracks(trajectory.base, machine.support)  # type: ignore[arg-type]
     check_drift(trajectory)
     required = finite_number(margin, name="margin", error=ProblemError)
+    asked = max(required, 0.0)  # as in `Certificate.safe`
     if (spread := finite_number(spread, name="spread", error=ProblemError)) < 0.0:
         raise ProblemError(f"spread must not be negative, not {spread:g} kg m^2")
     # a base that drives looks under itself; here only the strength counts, the same everywhere
@@ -147,9 +148,9 @@ def certify(
             if found.least[worst] < sampled:
                 sampled, at, edge = float(found.least[worst]), float(found.at[worst]), int(found.edge[worst])
             best = min(best, float(found.reachable.min()))
-            undecided = (found.bound < required) & (found.reachable >= required)
+            undecided = (found.bound < asked) & (found.reachable >= asked)
             loose = (undecided | (found.bound < best - LOOSE)) & (found.bound < found.reachable - ROUNDING)
-            enough = np.where(undecided, np.maximum(required, best - LOOSE), best - LOOSE)
+            enough = np.where(undecided, np.maximum(asked, best - LOOSE), best - LOOSE)
             parts = np.ceil(np.sqrt(HEADROOM * (found.reachable - found.bound) / (found.reachable - enough)))
             parts = np.clip(np.nan_to_num(parts, nan=MOST_PARTS), 2, MOST_PARTS).astype(int)
             if (exhausted := states + int(parts[loose].sum()) > MAX_STATES) or not np.isfinite(sampled):
