@@ -112,8 +112,8 @@ def test_the_worst_corner_is_named_where_something_is_uncertain(
     printed = " ".join(capsys.readouterr().out.split())
     corner = json.loads((tmp_path / "result.json").read_text())["corner"]
     assert "the least of all, with" in printed
-    assert corner.startswith("roll ")
-    assert corner[:9] in printed
+    assert corner.startswith("the slope off by roll ")
+    assert corner[:16] in printed
     assert cli.main(["plan", "paper_1"]) == 0
     assert "the least of all" not in capsys.readouterr().out
 

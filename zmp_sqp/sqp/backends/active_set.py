@@ -18,6 +18,7 @@ PROXIMAL = 1e-4  # the curvature that they get, per unit gradient
 LARGEST_WORK = 1e9  # entries looked at by all pivots: a second or so
 PRIMAL_TOLERANCE, DUAL_TOLERANCE = 1e-7, 1e-5  # the latter per unit gradient; beyond, it is no solution
 NO_BOUND = 1e30  # what DAQP takes for infinity
+INFEASIBLE = -1  # DAQP's exit flag: the dual has a ray
 EQUALITY, ACTIVE, LOWER = 5, 1, 2  # DAQP's `sense`
 
 
@@ -28,11 +29,16 @@ class ActiveSetMethod:
     DAQP finds by exchanging active rows (Arnstroem, Bemporad and Axehill 2022). Curvature of variables that the
     objective presses against their rows, such as the duration, is all but zero, and w would lose half of its digits:
     they get a proximal term about the guess, rounded.
+
+    Attributes:
+        is_ready: Whether H is positive definite; otherwise there is no solving.
+        is_infeasible: Whether the last attempt ended because no point satisfies the rows.
     """
 
     def __init__(self, qp: QP) -> None:
-        """Transform the rows of a dense QP; `is_ready` is False where its H is not positive definite."""
+        """Transform the rows of a dense QP."""
         self._qp = qp
+        self.is_infeasible = False
         steepness, diagonal = np.abs(qp.g), qp.H.diagonal()
         rows = np.vstack([qp.C, qp.A])
         steep = (steepness >= STEEP * steepness.max(initial=0.0)) & (diagonal < PROXIMAL * steepness)
@@ -78,6 +84,7 @@ class ActiveSetMethod:
             eps_prox=0.0, eq_reduction=-1,
         )  # fmt: skip
         if flag < 1:
+            self.is_infeasible = flag == INFEASIBLE
             return None
         multipliers = np.array(info["lam"])
         y, z = multipliers[len(qp.u) :], multipliers[: len(qp.u)]

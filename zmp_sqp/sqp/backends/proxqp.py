@@ -46,6 +46,8 @@ class ProxQP:
             near = exactly.solve(warm, most_pivots=PIVOTS_WARM)
             if near is not None:
                 return near
+            if exactly.is_infeasible:  # ProxQP would run into both its caps
+                return QPSolution.nothing(qp, self.name)
         dense = proxsuite.proxqp.dense
         diagonal = np.count_nonzero(H) == np.count_nonzero(H.diagonal())
         kind = dense.HessianType.Diagonal if diagonal else dense.HessianType.Dense
