@@ -148,9 +148,10 @@ def certify(
             if found.least[worst] < sampled:
                 sampled, at, edge = float(found.least[worst]), float(found.at[worst]), int(found.edge[worst])
             best = min(best, float(found.reachable.min()))
-            undecided = (found.bound < asked) & (found.reachable >= asked)
+            target = np.where(found.reachable >= asked, asked, required)  # a negative margin, where none is kept
+            undecided = (found.bound < target) & (found.reachable >= target)
             loose = (undecided | (found.bound < best - LOOSE)) & (found.bound < found.reachable - ROUNDING)
-            enough = np.where(undecided, np.maximum(asked, best - LOOSE), best - LOOSE)
+            enough = np.where(undecided, np.maximum(target, best - LOOSE), best - LOOSE)
             parts = np.ceil(np.sqrt(HEADROOM * (found.reachable - found.bound) / (found.reachable - enough)))
             parts = np.clip(np.nan_to_num(parts, nan=MOST_PARTS), 2, MOST_PARTS).astype(int)
             if (exhausted := states + int(parts[loose].sum()) > MAX_STATES) or not np.isfinite(sampled):
