@@ -2,10 +2,11 @@
 
     python -m benchmarks.driving_problems [--count 100] [--qp-solver NAME] [--json FILE]
 
-What the problems are drawn from stands in tests/driving_problems.py. A problem counts as solved only if the plan is
-certified and an independent check agrees (ZMP from finite differences of the bodies' poses, joint limits in closed
-form, both ends). One that is not solved is honestly diagnosed if the plan says so and why. Times are processor times.
-The exit code is 1 where a success is none, or a failure has nothing to say.
+What the problems are drawn from stands in tests/driving_problems.py. A problem counts as solved
+only if the plan is certified and an independent check agrees (ZMP from finite differences of the
+bodies' poses, joint limits in closed form, both ends). One that is not solved is honestly diagnosed
+if the plan says so and why. Times are processor times. The exit code is 1 where a success is none,
+or a failure has nothing to say.
 """
 
 from __future__ import annotations
@@ -24,7 +25,16 @@ from tests.driving_problems import TOLERANCES, driving_violation, random_driving
 
 RESULTS = Path(__file__).resolve().parent / "results" / "driving_problems.json"
 AT_BOUND = 2e-3  # relative: durations within this of the lower bound are as fast as the grid allows
-COLUMNS = ("kind", "special", "status", "iterations", "seconds", "duration", "lower_bound", "margin")
+COLUMNS = (
+    "kind",
+    "special",
+    "status",
+    "iterations",
+    "seconds",
+    "duration",
+    "lower_bound",
+    "margin",
+)
 
 
 def run(seed: int, qp_solver: str) -> dict[str, Any]:
@@ -34,7 +44,11 @@ def run(seed: int, qp_solver: str) -> dict[str, Any]:
     plan = zs.plan(drawn.problem, qp_solver=qp_solver)
     elapsed = time.process_time() - started
     violation = driving_violation(drawn, plan.trajectory) if plan.success else {}
-    agreed = all(violation[name] <= tolerance for name, tolerance in TOLERANCES.items()) if violation else False
+    agreed = (
+        all(violation[name] <= tolerance for name, tolerance in TOLERANCES.items())
+        if violation
+        else False
+    )
     return {
         "seed": seed,
         "kind": drawn.kind,
@@ -53,16 +67,24 @@ def run(seed: int, qp_solver: str) -> dict[str, Any]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--count", type=int, default=100, help="how many problems: seeds 0, 1, ... (default 100)")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--count", type=int, default=100, help="how many problems: seeds 0, 1, ... (default 100)"
+    )
     parser.add_argument("--first", type=int, default=0, help="first seed")
     parser.add_argument("--qp-solver", default="proxqp")
-    parser.add_argument("--json", type=Path, help=f"write every problem's result here, e.g. {RESULTS.name}")
+    parser.add_argument(
+        "--json", type=Path, help=f"write every problem's result here, e.g. {RESULTS.name}"
+    )
     options = parser.parse_args()
 
     machine = random_driving_problem(options.first).problem.machine
     F = measure_F(machine)
-    results = [run(seed, options.qp_solver) for seed in range(options.first, options.first + options.count)]
+    results = [
+        run(seed, options.qp_solver) for seed in range(options.first, options.first + options.count)
+    ]
     F = 0.5 * (F + measure_F(machine))
 
     solved = [result for result in results if result["solved"]]
@@ -75,27 +97,49 @@ def main() -> int:
         f"checked; {honest - len(solved)} not solved and diagnosed, {len(results) - honest} neither; {near} within "
         f"0.2 % of their lower bound; F = {1e3 * F:.3f} ms"
     )
-    print_table("distribution", ("", *iterations), [("iterations", *iterations.values()), ("time [F]", *in_F.values())])
+    print_table(
+        "distribution",
+        ("", *iterations),
+        [("iterations", *iterations.values()), ("time [F]", *in_F.values())],
+    )
     slowest = sorted(results, key=lambda result: -result["iterations"])[:5]
     print_table(
-        "most iterations", ("seed", *COLUMNS), [[str(r["seed"]), *(r[key] for key in COLUMNS)] for r in slowest]
+        "most iterations",
+        ("seed", *COLUMNS),
+        [[str(r["seed"]), *(r[key] for key in COLUMNS)] for r in slowest],
     )
     for result in results:
         if not result["solved"]:
-            console.print(f"[bold]seed {result['seed']}[/bold] ({result['kind']}, {result['status']}): "
-                          f"{result['message']} {result['violation'] or ''}")  # fmt: skip
+            console.print(
+                f"[bold]seed {result['seed']}[/bold] ({result['kind']}, {result['status']}): "
+                f"{result['message']} {result['violation'] or ''}"
+            )
     if options.json is not None:
         summary = {
-            "qp_solver": options.qp_solver, "count": len(results), "solved": len(solved),
-            "diagnosed": honest - len(solved), "F_seconds": F,
-            "iterations": iterations, "time_in_F": in_F, "within_0.2_percent_of_lower_bound": near,
-            "unsolved": [{key: r[key] for key in ("seed", "status", "message")} for r in results if not r["solved"]],
+            "qp_solver": options.qp_solver,
+            "count": len(results),
+            "solved": len(solved),
+            "diagnosed": honest - len(solved),
+            "F_seconds": F,
+            "iterations": iterations,
+            "time_in_F": in_F,
+            "within_0.2_percent_of_lower_bound": near,
+            "unsolved": [
+                {key: r[key] for key in ("seed", "status", "message")}
+                for r in results
+                if not r["solved"]
+            ],
             "largest_violation": {
-                name: max((r["violation"][name] for r in solved), default=np.nan) for name in TOLERANCES
+                name: max((r["violation"][name] for r in solved), default=np.nan)
+                for name in TOLERANCES
             },
-        }  # fmt: skip
+        }
         keys = ("seed", *COLUMNS)
-        save_json(options.json, {**summary, "columns": keys}, rows=[[r[key] for key in keys] for r in results])
+        save_json(
+            options.json,
+            {**summary, "columns": keys},
+            rows=[[r[key] for key in keys] for r in results],
+        )
     return 0 if honest == len(results) else 1
 
 

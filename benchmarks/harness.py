@@ -20,9 +20,28 @@ import zmp_sqp as zs
 
 __all__ = ["console", "distribution", "measure_F", "print_table", "save_json", "versions"]
 
-PACKAGES = ("numpy", "scipy", "pin", "proxsuite", "piqp", "qpsolvers", "clarabel", "daqp", "casadi", "mujoco")
+PACKAGES = (
+    "numpy",
+    "scipy",
+    "pin",
+    "proxsuite",
+    "piqp",
+    "qpsolvers",
+    "clarabel",
+    "daqp",
+    "casadi",
+    "mujoco",
+)
 EVALUATIONS = 100  # one F: both ends of 50 intervals
-QUANTILES = (("min", 0), ("25 %", 25), ("50 %", 50), ("75 %", 75), ("90 %", 90), ("99 %", 99), ("max", 100))
+QUANTILES = (
+    ("min", 0),
+    ("25 %", 25),
+    ("50 %", 50),
+    ("75 %", 75),
+    ("90 %", 90),
+    ("99 %", 99),
+    ("max", 100),
+)
 
 console = Console(width=140, highlight=False)
 
@@ -48,7 +67,10 @@ def distribution(values: Sequence[float]) -> dict[str, float]:
 
 def versions() -> dict[str, str]:
     """What was measured with what."""
-    found = {"python": platform.python_version(), "machine": f"{platform.system()} {platform.machine()}"}
+    found = {
+        "python": platform.python_version(),
+        "machine": f"{platform.system()} {platform.machine()}",
+    }
     for package in PACKAGES:
         try:
             found[package] = version(package)
@@ -67,10 +89,13 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]
     console.print(table)
 
 
-def save_json(path: Path, content: Mapping[str, Any], *, rows: Sequence[Sequence[Any]] = ()) -> None:
+def save_json(
+    path: Path, content: Mapping[str, Any], *, rows: Sequence[Sequence[Any]] = ()
+) -> None:
     """Content with versions and date; `rows` follow one a line, so that differences between runs can be read."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    load = [round(share, 2) for share in os.getloadavg()]  # above the number of processors: others were at work
+    # above the number of processors: others were at work
+    load = [round(share, 2) for share in os.getloadavg()]
     stamped = {"date": time.strftime("%Y-%m-%d"), "load": load, "versions": versions(), **content}
     head = json.dumps(stamped, indent=1).removesuffix("\n}")
     body = ",\n".join(f"  {json.dumps(row)}" for row in rows)

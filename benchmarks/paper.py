@@ -1,10 +1,11 @@
 """Song & Sharf 2020 beside our own numbers, with the ladder that the paper lacks; the README's tables are made from it.
 
     python -m benchmarks.paper [--repeats 7] [--json benchmarks/results/paper.json]
-    python -m benchmarks.paper --readme        README.md's tables from benchmarks/results/paper.json, nothing is run
+    python -m benchmarks.paper --readme        README.md's tables from
+    benchmarks/results/paper.json, nothing is run
 
-What is computed stands in zmp_sqp/paper.py and zmp_sqp/paper_ladder.py; `zmp-sqp paper` shows the same with figures.
-The exit code is 1 where something that should be safe is not.
+What is computed stands in zmp_sqp/paper/runs.py and zmp_sqp/paper/ladder.py; `zmp-sqp paper` shows
+the same with figures. The exit code is 1 where something that should be safe is not.
 """
 
 from __future__ import annotations
@@ -18,8 +19,15 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.harness import console, save_json
-from zmp_sqp.paper_command import paper_result
-from zmp_sqp.paper_tables import comparison_sheet, driving_sheet, ladder_overview, markdown, sheets, terminal
+from zmp_sqp.commands.paper import paper_result
+from zmp_sqp.paper.tables import (
+    comparison_sheet,
+    driving_sheet,
+    ladder_overview,
+    markdown,
+    sheets,
+    terminal,
+)
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results" / "paper.json"
@@ -29,7 +37,11 @@ ASKED = 60  # [F] for the simplified model from cold
 
 def readme_tables(result: Mapping[str, Any]) -> str:
     """What stands between the marks in README.md."""
-    found = comparison_sheet(result["tests"]), driving_sheet(result["driving"]), ladder_overview(result["ladder"])
+    found = (
+        comparison_sheet(result["tests"]),
+        driving_sheet(result["driving"]),
+        ladder_overview(result["ladder"]),
+    )
     return "\n".join([f"{BEGIN}\n", *map(markdown, found), END])
 
 
@@ -42,21 +54,33 @@ def update_readme(text: str, result: Mapping[str, Any]) -> str:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--repeats", type=int, default=7, help="plans per time, of which the median counts (default 7)")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--repeats",
+        type=int,
+        default=7,
+        help="plans per time, of which the median counts (default 7)",
+    )
     parser.add_argument("--json", type=Path, help="write the numbers here")
     parser.add_argument(
-        "--readme", action="store_true", help=f"make README.md's tables from {RESULTS.relative_to(ROOT)}"
+        "--readme",
+        action="store_true",
+        help=f"make README.md's tables from {RESULTS.relative_to(ROOT)}",
     )
     options = parser.parse_args()
     if options.readme:
         readme = ROOT / "README.md"
         readme.write_text(
-            update_readme(readme.read_text(encoding="utf-8"), json.loads(RESULTS.read_text())), encoding="utf-8"
+            update_readme(readme.read_text(encoding="utf-8"), json.loads(RESULTS.read_text())),
+            encoding="utf-8",
         )
         return 0
 
-    result, _ = paper_result(repeats=options.repeats, step=lambda what: console.print(f"  {what}", style="dim"))
+    result, _ = paper_result(
+        repeats=options.repeats, step=lambda what: console.print(f"  {what}", style="dim")
+    )
     for sheet in sheets(result):
         console.print(terminal(sheet))
     for test in result["tests"]:

@@ -1,6 +1,7 @@
 """Ground reaction wrench of a machine in CasADi, from the bare numbers of its URDF: Newton and Euler, body by body.
 
-Nothing of the library and nothing of Pinocchio is used, so that neither can lend the peer its mistakes.
+Nothing of the library and nothing of Pinocchio is used, so that neither can lend the peer its
+mistakes.
 """
 
 from __future__ import annotations
@@ -47,20 +48,33 @@ def read_bodies(urdf: Path) -> list[Body]:
             parent = joint.find("parent").get("link")  # type: ignore[union-attr]
             name = joint.get("name") if joint.get("type") == "revolute" else None
             axis = axis if joint.find("axis") is None else _vector(joint.find("axis"), "xyz")
-            if joint.get("type") not in ("revolute", "fixed") or parent not in [body.name for body in bodies]:
-                raise ValueError(f"joint {joint.get('name')!r}: only revolute and fixed joints, parents first")
+            if joint.get("type") not in ("revolute", "fixed") or parent not in [
+                body.name for body in bodies
+            ]:
+                raise ValueError(
+                    f"joint {joint.get('name')!r}: only revolute and fixed joints, parents first"
+                )
         inertial = link.find("inertial")
         if inertial is None:
             raise ValueError(f"link {link.get('name')!r} has no inertia")
         entries, turn = inertial.find("inertia"), _rotation(_vector(inertial.find("origin"), "rpy"))
-        xx, xy, xz, yy, yz, zz = (float(entries.get(key)) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
+        xx, xy, xz, yy, yz, zz = (
+            float(entries.get(key)) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+        )
         place = None if joint is None else joint.find("origin")
-        bodies.append(Body(
-            name=str(link.get("name")), parent=parent, joint=name, origin=_vector(place, "xyz"),
-            rotation=_rotation(_vector(place, "rpy")), axis=axis, mass=float(inertial.find("mass").get("value")),
-            com=_vector(inertial.find("origin"), "xyz"),
-            inertia=turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T,
-        ))  # fmt: skip
+        bodies.append(
+            Body(
+                name=str(link.get("name")),
+                parent=parent,
+                joint=name,
+                origin=_vector(place, "xyz"),
+                rotation=_rotation(_vector(place, "rpy")),
+                axis=axis,
+                mass=float(inertial.find("mass").get("value")),
+                com=_vector(inertial.find("origin"), "xyz"),
+                inertia=turn @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turn.T,
+            )
+        )
     return bodies
 
 
@@ -68,7 +82,8 @@ def wrench_function(scene: Scene) -> ca.Function:
     r"""Ground reaction wrench about the root origin, root axes, as a function of (q, v, a, gravity, payload's mass).
 
     .. math:: f = \sum m_i (\ddot c_i - g), \quad
-              \tau = \sum c_i \times m_i (\ddot c_i - g) + I_i \dot\omega_i + \omega_i \times I_i \omega_i
+              \tau = \sum c_i \times m_i (\ddot c_i - g) + I_i \dot\omega_i + \omega_i \times I_i
+              \omega_i
 
     The payload's place and shape are the scene's tree; its inertia goes with its mass.
     """
@@ -80,11 +95,20 @@ def wrench_function(scene: Scene) -> ca.Function:
     frames: dict[str, Any] = {}
     for body in bodies:
         if body.parent is None:
-            R, place, spin, spin_rate, push = ca.SX.eye(3), ca.SX.zeros(3), ca.SX.zeros(3), ca.SX.zeros(3), -gravity
+            R, place, spin, spin_rate, push = (
+                ca.SX.eye(3),
+                ca.SX.zeros(3),
+                ca.SX.zeros(3),
+                ca.SX.zeros(3),
+                -gravity,
+            )
         else:
             R, place, spin, spin_rate, push = frames[body.parent]
             arm = R @ body.origin
-            place, push = place + arm, push + ca.cross(spin_rate, arm) + ca.cross(spin, ca.cross(spin, arm))
+            place, push = (
+                place + arm,
+                push + ca.cross(spin_rate, arm) + ca.cross(spin, ca.cross(spin, arm)),
+            )
             R = R @ body.rotation
             if body.joint is not None:
                 i = moving.index(body.joint)
@@ -96,18 +120,27 @@ def wrench_function(scene: Scene) -> ca.Function:
         frames[body.name] = R, place, spin, spin_rate, push
         parts = [(body.mass, body.com, body.inertia)]
         if scene.tree is not None and scene.tree.frame == body.name:
-            parts.append((load, np.array(scene.tree.com), load * (scene.tree.inertia / scene.tree.mass)))
+            parts.append(
+                (load, np.array(scene.tree.com), load * (scene.tree.inertia / scene.tree.mass))
+            )
         for mass, com, inertia in parts:
             arm = R @ com
             pull = mass * (push + ca.cross(spin_rate, arm) + ca.cross(spin, ca.cross(spin, arm)))
             turned = R @ inertia @ R.T
             force += pull
-            moment += ca.cross(place + arm, pull) + turned @ spin_rate + ca.cross(spin, turned @ spin)
+            moment += (
+                ca.cross(place + arm, pull) + turned @ spin_rate + ca.cross(spin, turned @ spin)
+            )
     return ca.Function("wrench", [q, v, a, gravity, load], [ca.vertcat(force, moment)])
 
 
 def _vector(element: ET.Element | None, key: str) -> Array:
-    return np.array([float(entry) for entry in ("0 0 0" if element is None else element.get(key, "0 0 0")).split()])
+    return np.array(
+        [
+            float(entry)
+            for entry in ("0 0 0" if element is None else element.get(key, "0 0 0")).split()
+        ]
+    )
 
 
 def _rotation(rpy: Array) -> Array:

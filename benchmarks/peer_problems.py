@@ -13,13 +13,15 @@ __all__ = ["peer_problem"]
 
 SLOPE = np.deg2rad(30.0)  # largest roll and pitch, each way
 LOADS = (1000.0, 2000.0), 6000.0  # [kg] least of even and of odd seeds, largest
-ROOM = 0.02, (np.inf, 0.30)  # [m] static stability margin of start and goal: least, largest of even and of odd seeds
+# [m] static stability margin of start and goal: least, largest of even and of odd seeds
+ROOM = 0.02, (np.inf, 0.30)
 
 
 def peer_problem(seed: int, **options: Any) -> NamedProblem:
     """Two poses that stand by themselves, uniform within the joint limits, the slew over its two full turns.
 
-    Even seeds take any two; odd ones take two near the edge, where the ZMP nearly always costs time.
+    Even seeds take any two; odd ones take two near the edge, where the ZMP nearly always costs
+    time.
     """
     rng, kind = np.random.default_rng([2021, seed]), seed % 2
     while True:
@@ -27,9 +29,13 @@ def peer_problem(seed: int, **options: Any) -> NamedProblem:
         tree = Tree(rng.uniform(LOADS[0][kind], LOADS[1]))
         scene = Scene("feller_buncher", FOOTPRINT, tree, roll=roll, pitch=pitch)
         machine = scene.load()
-        poses = rng.uniform(machine.limits.position_lower, machine.limits.position_upper, (TRIES, machine.size))
+        poses = rng.uniform(
+            machine.limits.position_lower, machine.limits.position_upper, (TRIES, machine.size)
+        )
         still = np.zeros_like(poses)
         margins = zs.stability_margin(machine, poses, still, still, scene.ground)
         standing = poses[(margins >= ROOM[0]) & (margins <= ROOM[1][kind])]
         if len(standing) >= 2:
-            return NamedProblem(f"peer_{seed}", scene, scene.problem(*standing[:2], **options), None)
+            return NamedProblem(
+                f"peer_{seed}", scene, scene.problem(*standing[:2], **options), None
+            )

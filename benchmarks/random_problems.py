@@ -2,9 +2,10 @@
 
     python -m benchmarks.random_problems [--count 200] [--hard] [--qp-solver NAME] [--json FILE]
 
-What the problems are drawn from stands in tests/problems.py (ORDINARY, HARD). A problem counts as solved only if an
-independent check (tests/checks.py: its own model, its own ZMP, joint limits in closed form) finds no violation of 1e-6.
-Times are processor times, which other programs disturb less. The exit code is 1 where a problem was not solved.
+What the problems are drawn from stands in tests/problems.py (ORDINARY, HARD). A problem counts as
+solved only if an independent check (tests/checks.py: its own model, its own ZMP, joint limits in
+closed form) finds no violation of 1e-6. Times are processor times, which other programs disturb
+less. The exit code is 1 where a problem was not solved.
 """
 
 from __future__ import annotations
@@ -44,17 +45,25 @@ def run(seed: int, recipe: Recipe, qp_solver: str) -> dict[str, Any]:
         "duration": plan.duration,
         "lower_bound": plan.lower_bound,
         "violation": float(f"{violation:.3g}"),
-        "fallbacks": sum("+" in record.backend or record.backend != qp_solver for record in plan.history),
+        "fallbacks": sum(
+            "+" in record.backend or record.backend != qp_solver for record in plan.history
+        ),
         "relaxed": sum(record.relaxed for record in plan.history),
         "message": plan.message,
     }
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--count", type=int, default=200, help="how many problems: seeds 0, 1, ... (default 200)")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--count", type=int, default=200, help="how many problems: seeds 0, 1, ... (default 200)"
+    )
     parser.add_argument("--first", type=int, default=0, help="first seed")
-    parser.add_argument("--hard", action="store_true", help="heavier payloads, steeper slopes, poses near the edge")
+    parser.add_argument(
+        "--hard", action="store_true", help="heavier payloads, steeper slopes, poses near the edge"
+    )
     parser.add_argument("--qp-solver", default="proxqp")
     parser.add_argument("--json", type=Path, help="write every problem's result here")
     options = parser.parse_args()
@@ -80,15 +89,29 @@ def main() -> int:
         f"their lower bound, the rest up to {1.0 + max(over, default=np.nan):.3f} times it; F = {1e3 * F:.3f} ms"
     )
     columns = ("", *iterations)
-    print_table("distribution", columns, [("iterations", *iterations.values()), ("time [F]", *in_F.values())])
+    print_table(
+        "distribution",
+        columns,
+        [("iterations", *iterations.values()), ("time [F]", *in_F.values())],
+    )
     slowest = sorted(results, key=lambda result: -result["iterations"])[:5]
     shown = ("status", "iterations", "seconds", "duration", "lower_bound")
-    print_table("most iterations", ("seed", *shown), [[str(r["seed"]), *(r[key] for key in shown)] for r in slowest])
+    print_table(
+        "most iterations",
+        ("seed", *shown),
+        [[str(r["seed"]), *(r[key] for key in shown)] for r in slowest],
+    )
     if options.json is not None:
         summary = {
-            "recipe": recipe.name, "qp_solver": options.qp_solver, "count": len(results), "solved": len(solved),
-            "F_seconds": F, "iterations": iterations, "time_in_F": in_F, "within_0.1_percent_of_lower_bound": proven,
-        }  # fmt: skip
+            "recipe": recipe.name,
+            "qp_solver": options.qp_solver,
+            "count": len(results),
+            "solved": len(solved),
+            "F_seconds": F,
+            "iterations": iterations,
+            "time_in_F": in_F,
+            "within_0.1_percent_of_lower_bound": proven,
+        }
         keys = ("seed", *shown, "violation", "fallbacks", "relaxed")
         rows = [[result[key] for key in keys] for result in results]
         save_json(options.json, {**summary, "columns": keys}, rows=rows)

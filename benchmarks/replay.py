@@ -2,14 +2,17 @@
 
     python -m benchmarks.replay [--count 50] [--hard] [--json FILE]
 
-Each problem (tests/problems.py) gives three motions: the planned one, the phase plane's, and that one slowed down by a
-random factor. The margin says that the zero moment point leaves the support polygon; MuJoCo, that a track lifts by more
-than 5 mm. Where they differ further than 5 cm from an edge, a third opinion is asked: a rigid body that rocks about one
-edge under the tipping moment of our wrench, and comes down again if the moment lasts too short,
+Each problem (tests/problems.py) gives three motions: the planned one, the phase plane's, and that
+one slowed down by a random factor. The margin says that the zero moment point leaves the support
+polygon; MuJoCo, that a track lifts by more than 5 mm. Where they differ further than 5 cm from an
+edge, a third opinion is asked: a rigid body that rocks about one edge under the tipping moment of
+our wrench, and comes down again if the moment lasts too short,
 
-    I theta'' = (e . p - b) f_z,  theta >= 0,  lift = theta * (width of the polygon across that edge)
+    I theta'' = (e . p - b) f_z,  theta >= 0,  lift = theta * (width of the polygon across that
+    edge)
 
-The exit code is 1 where a motion with a positive margin tips over, or a difference is not explained that way.
+The exit code is 1 where a motion with a positive margin tips over, or a difference is not explained
+that way.
 """
 
 from __future__ import annotations
@@ -36,18 +39,35 @@ SLOWER = (1.05, 2.5)  # factors of the slowed motion's duration
 HOLD = 1.0  # [s] at rest after the motion, in which a track that is up comes down
 INSTANTS = 5000  # of the rocking body
 CAPSIZED = 0.3  # [rad] the rocking body does not come back
-COLUMNS = ("seed", "motion", "duration", "margin", "lift", "rocking", "least_load", "outside", "slide", "verdict")
+COLUMNS = (
+    "seed",
+    "motion",
+    "duration",
+    "margin",
+    "lift",
+    "rocking",
+    "least_load",
+    "outside",
+    "slide",
+    "verdict",
+)
 
 
 def slowed(trajectory: zs.Trajectory, factor: float) -> zs.Trajectory:
     """The same path, slower by a factor."""
     return zs.Trajectory(
-        trajectory.joint_names, factor * trajectory.times, trajectory.positions, trajectory.velocities / factor,
-        trajectory.accelerations / factor**2, trajectory.jerks / factor**3,
-    )  # fmt: skip
+        trajectory.joint_names,
+        factor * trajectory.times,
+        trajectory.positions,
+        trajectory.velocities / factor,
+        trajectory.accelerations / factor**2,
+        trajectory.jerks / factor**3,
+    )
 
 
-def rocking(machine: zs.Machine, trajectory: zs.Trajectory, ground: zs.Slope) -> tuple[float, float]:
+def rocking(
+    machine: zs.Machine, trajectory: zs.Trajectory, ground: zs.Slope
+) -> tuple[float, float]:
     """Largest lift [m] of a corner of the rocking body, and longest time [s] that the ZMP is outside of one edge."""
     support = machine.support
     times = np.linspace(0.0, trajectory.duration + HOLD, INSTANTS)
@@ -55,10 +75,13 @@ def rocking(machine: zs.Machine, trajectory: zs.Trajectory, ground: zs.Slope) ->
     q, v, a = trajectory(np.minimum(times, trajectory.duration))
     v, a = v * moving[:, None], a * moving[:, None]
     still = np.concatenate([-ground.gravity(), np.zeros(3)])
-    moments = ground_reaction(machine, q, v, a, root_acceleration=still) @ support.wrench_rows().T  # (K, V)
+    # (K, V)
+    moments = ground_reaction(machine, q, v, a, root_acceleration=still) @ support.wrench_rows().T
     some = np.linspace(0, INSTANTS - 1, 50).astype(int)
-    inertias = np.array([edge_inertias(machine, state) for state in machine.configuration(q[some])])  # (50, V)
-    inside = support.offsets[:, None] - support.normals @ support.vertices.T  # (V, V), of each corner from each edge
+    # (50, V)
+    inertias = np.array([edge_inertias(machine, state) for state in machine.configuration(q[some])])
+    # (V, V), of each corner from each edge
+    inside = support.offsets[:, None] - support.normals @ support.vertices.T
     h, outside, angles = times[1], 0.0, np.zeros_like(moments)
     for edge, moment in enumerate(moments.T):
         angle = rate = since = 0.0
@@ -113,18 +136,33 @@ def run(seed: int, recipe: Recipe) -> list[dict[str, Any]]:
         margin = zs.certify(machine, motion, ground).margin
         replay = zs.replay(machine, motion, ground, hold=HOLD)
         rocks, outside = rocking(machine, motion, ground)
-        rows.append({
-            "seed": seed, "motion": name, "duration": motion.duration, "margin": margin, "lift": replay.lift,
-            "rocking": rocks, "least_load": replay.least_edge_load, "outside": outside, "slide": replay.slide,
-            "verdict": judge(margin, replay.lift, rocks),
-        })  # fmt: skip
+        rows.append(
+            {
+                "seed": seed,
+                "motion": name,
+                "duration": motion.duration,
+                "margin": margin,
+                "lift": replay.lift,
+                "rocking": rocks,
+                "least_load": replay.least_edge_load,
+                "outside": outside,
+                "slide": replay.slide,
+                "verdict": judge(margin, replay.lift, rocks),
+            }
+        )
     return rows
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--count", type=int, default=50, help="how many problems: seeds 0, 1, ... (default 50)")
-    parser.add_argument("--hard", action="store_true", help="heavier payloads, steeper slopes, poses near the edge")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--count", type=int, default=50, help="how many problems: seeds 0, 1, ... (default 50)"
+    )
+    parser.add_argument(
+        "--hard", action="store_true", help="heavier payloads, steeper slopes, poses near the edge"
+    )
     parser.add_argument("--json", type=Path, help="write every replay's result here")
     options = parser.parse_args()
     recipe = HARD if options.hard else ORDINARY
@@ -143,18 +181,35 @@ def main() -> int:
     shown = ("safe", "unsafe", "tips", "agree", "near the edge", "short excursion", "unexplained")
     print_table(
         f"{len(rows)} motions of {options.count} {recipe.name} problems, {time.perf_counter() - started:.0f} s",
-        ("motion", *shown), [[name, *(kind.get(key, 0) for key in shown)] for name, kind in counts.items()],
-    )  # fmt: skip
+        ("motion", *shown),
+        [[name, *(kind.get(key, 0) for key in shown)] for name, kind in counts.items()],
+    )
     differing = [row for row in rows if row["verdict"] != "agree"]
-    units = ("seed", "motion", "margin [m]", "lift [mm]", "rocking body [mm]", "outside [s]", "verdict")
+    units = (
+        "seed",
+        "motion",
+        "margin [m]",
+        "lift [mm]",
+        "rocking body [mm]",
+        "outside [s]",
+        "verdict",
+    )
     print_table(
-        "where they differ", units,
+        "where they differ",
+        units,
         [
-            [str(r["seed"]), r["motion"], f"{r['margin']:+.4f}", f"{1e3 * r['lift']:.3f}", f"{1e3 * r['rocking']:.3f}",
-             f"{r['outside']:.3f}", r["verdict"]]
+            [
+                str(r["seed"]),
+                r["motion"],
+                f"{r['margin']:+.4f}",
+                f"{1e3 * r['lift']:.3f}",
+                f"{1e3 * r['rocking']:.3f}",
+                f"{r['outside']:.3f}",
+                r["verdict"],
+            ]
             for r in differing
         ],
-    )  # fmt: skip
+    )
     lifting = sum((row["margin"] < 0.0) == (row["lift"] > UNLOADED) for row in rows)
     small = [
         row["rocking"] / row["lift"]
@@ -163,17 +218,26 @@ def main() -> int:
     ]
     wrong = sum(row["margin"] >= 0.0 and row["lift"] > LIFTED for row in rows)
     summary = {
-        "recipe": recipe.name, "count": options.count, "motions": len(rows), "counts": counts,
-        "positive_margin_that_tips": wrong, "agree_on_any_lift": lifting,
-        "rocking_over_lift": [float(np.percentile(small, share)) for share in (10, 50, 90)] if small else None,
-    }  # fmt: skip
+        "recipe": recipe.name,
+        "count": options.count,
+        "motions": len(rows),
+        "counts": counts,
+        "positive_margin_that_tips": wrong,
+        "agree_on_any_lift": lifting,
+        "rocking_over_lift": [float(np.percentile(small, share)) for share in (10, 50, 90)]
+        if small
+        else None,
+    }
     console.print(
         f"{wrong} motions with a positive margin tip over; margin and lift of more than {1e3 * UNLOADED:.2f} mm "
         f"agree in {lifting} of {len(rows)}; rocking body over MuJoCo, lifts of 0.1 to 20 mm, 10, 50 and 90 %: "
         f"{summary['rocking_over_lift']}"
     )
     if options.json is not None:
-        table = [[round(row[key], 7) if isinstance(row[key], float) else row[key] for key in COLUMNS] for row in rows]
+        table = [
+            [round(row[key], 7) if isinstance(row[key], float) else row[key] for key in COLUMNS]
+            for row in rows
+        ]
         save_json(options.json, {**summary, "columns": COLUMNS}, rows=table)
     return 1 if wrong or any(row["verdict"] == "unexplained" for row in rows) else 0
 

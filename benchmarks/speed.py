@@ -2,10 +2,11 @@
 
     python -m benchmarks.speed [--repeats 15] [--json FILE]
 
-F is the project's measure of speed: times depend on the computer, ratios hold. Both are processor time, which other
-programs on the same computer disturb less; wall time stands beside it and is the same on an idle one. Every call is
-cold: no motion, multiplier or workspace of an earlier call is used. "In a new process" is a call that has imported
-nothing before, so that it loads Pinocchio and the QP solver on the way; all other rows are medians of many calls.
+F is the project's measure of speed: times depend on the computer, ratios hold. Both are processor
+time, which other programs on the same computer disturb less; wall time stands beside it and is the
+same on an idle one. Every call is cold: no motion, multiplier or workspace of an earlier call is
+used. "In a new process" is a call that has imported nothing before, so that it loads Pinocchio and
+the QP solver on the way; all other rows are medians of many calls.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ import numpy as np
 import zmp_sqp as zs
 from benchmarks.harness import console, measure_F, print_table, save_json
 from tests.problems import NamedProblem, paper_1, random_problem
-from zmp_sqp.planning import planner
+from zmp_sqp.planning.search import planner
 from zmp_sqp.scenario import load_scenario
 
 BACKENDS = ("proxqp", "piqp", "qpsolvers:piqp", "qpsolvers:daqp", "qpsolvers:clarabel")
@@ -45,14 +46,19 @@ print(json.dumps([imported - started, loaded - imported, planned - loaded]))
 
 def first_call() -> dict[str, float]:
     """Seconds of importing, loading and the first plan, in a process of its own."""
-    answer = subprocess.run([sys.executable, "-c", FIRST], capture_output=True, check=True, text=True)
-    return dict(zip(("import", "load scenario", "first plan"), json.loads(answer.stdout), strict=True))
+    answer = subprocess.run(
+        [sys.executable, "-c", FIRST], capture_output=True, check=True, text=True
+    )
+    return dict(
+        zip(("import", "load scenario", "first plan"), json.loads(answer.stdout), strict=True)
+    )
 
 
 def calls(problem: zs.Problem, qp_solver: str, repeats: int) -> tuple[np.ndarray, zs.Plan]:
     """Processor seconds, wall seconds and F of each call after the first, shape (repeats, 3), and the last plan.
 
-    F is measured right before and right after each call, because it changes with what else the computer does.
+    F is measured right before and right after each call, because it changes with what else the
+    computer does.
     """
     plan, rows = zs.plan(problem, qp_solver=qp_solver), []
     F = measure_F(problem.machine, repeats=9)
@@ -67,7 +73,11 @@ def calls(problem: zs.Problem, qp_solver: str, repeats: int) -> tuple[np.ndarray
 
 def phases(problem: zs.Problem, repeats: int) -> dict[str, float]:
     """Median processor seconds of a plan by what it does; the names of the planner's own parts, timed from outside."""
-    parts = {"initial guess": "initial_guess", "transcription": "Transcription", "certificate": "certify_for"}
+    parts = {
+        "initial guess": "initial_guess",
+        "transcription": "Transcription",
+        "certificate": "certify_for",
+    }
     samples: dict[str, list[float]] = {name: [] for name in (*parts, "SQP", "rest")}
     originals = {attribute: getattr(planner, attribute) for attribute in parts.values()}
     spent: dict[str, float] = {}
@@ -92,7 +102,9 @@ def phases(problem: zs.Problem, repeats: int) -> dict[str, float]:
             zs.plan(problem)
             elapsed = time.process_time() - started
             for name in samples:
-                samples[name].append(spent.get(name, elapsed - sum(spent.values()) if name == "rest" else 0.0))
+                samples[name].append(
+                    spent.get(name, elapsed - sum(spent.values()) if name == "rest" else 0.0)
+                )
     finally:
         for attribute, original in originals.items():
             setattr(planner, attribute, original)
@@ -106,7 +118,9 @@ def problems() -> list[NamedProblem]:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--repeats", type=int, default=15, help="calls per row (default 15)")
     parser.add_argument("--json", type=Path, help="write the results here")
     options = parser.parse_args()
@@ -117,16 +131,27 @@ def main() -> int:
     for name in ASKED:
         times, plan = calls(load_scenario(name).problem, "proxqp", 2 * options.repeats)
         found[name] = float(np.median(times[:, 0] / times[:, 2]))
-        console.print(f"{name}: {found[name]:.1f} F, {plan.iterations} iterations, asked for {ASKED[name]:.0f} F")
+        console.print(
+            f"{name}: {found[name]:.1f} F, {plan.iterations} iterations, asked for {ASKED[name]:.0f} F"
+        )
     for named in problems():
         for qp_solver in BACKENDS:
             times, plan = calls(named.problem, qp_solver, options.repeats)
             in_F, (_, wall, F) = times[:, 0] / times[:, 2], 1e3 * np.median(times, axis=0)
-            rows.append([
-                named.name, qp_solver, plan.status.name, plan.iterations, round(plan.duration, 6),
-                *(round(float(value), 1) for value in (np.median(in_F), in_F.min(), in_F.max(), wall)),
-                round(float(F), 4),
-            ])  # fmt: skip
+            rows.append(
+                [
+                    named.name,
+                    qp_solver,
+                    plan.status.name,
+                    plan.iterations,
+                    round(plan.duration, 6),
+                    *(
+                        round(float(value), 1)
+                        for value in (np.median(in_F), in_F.min(), in_F.max(), wall)
+                    ),
+                    round(float(F), 4),
+                ]
+            )
     split = phases(paper_1().problem, options.repeats)
     F = measure_F(paper_1().problem.machine)
 
@@ -137,9 +162,16 @@ def main() -> int:
     print_table(
         "paper_1, default QP solver, by phase",
         ("phase", "ms", "F", "share"),
-        [(name, 1e3 * seconds, seconds / F, f"{100.0 * seconds / whole:.0f} %") for name, seconds in split.items()],
+        [
+            (name, 1e3 * seconds, seconds / F, f"{100.0 * seconds / whole:.0f} %")
+            for name, seconds in split.items()
+        ],
     )
-    print_table("paper_1 in a new process", ("step", "ms"), [(name, 1e3 * seconds) for name, seconds in first.items()])
+    print_table(
+        "paper_1 in a new process",
+        ("step", "ms"),
+        [(name, 1e3 * seconds) for name, seconds in first.items()],
+    )
     print_table(
         "cold, default QP solver",
         ("scenario", "F", "asked for"),
@@ -147,9 +179,13 @@ def main() -> int:
     )
     if options.json is not None:
         content = {
-            "cold_in_F": found, "asked_in_F": ASKED, "repeats": options.repeats,
-            "new_process_seconds": first, "paper_1_phases_seconds": split, "columns": columns,
-        }  # fmt: skip
+            "cold_in_F": found,
+            "asked_in_F": ASKED,
+            "repeats": options.repeats,
+            "new_process_seconds": first,
+            "paper_1_phases_seconds": split,
+            "columns": columns,
+        }
         save_json(options.json, content, rows=rows)
     return 0 if all(found[name] <= ASKED[name] for name in ASKED) else 1
 

@@ -2,9 +2,9 @@
 
     python -m benchmarks.terrain_drives [--count 100] [--slope] [--qp-solver NAME] [--json FILE]
 
-What they are drawn from stands in tests/planning/driving.py. A problem counts as solved only if its motion is
-certified, and if the ZMP at 1000 times keeps the guaranteed margin. Times are processor times. The exit code is 1 where
-a problem was not solved; its diagnosis is printed.
+What they are drawn from stands in tests/planning/driving.py. A problem counts as solved only if its
+motion is certified, and if the ZMP at 1000 times keeps the guaranteed margin. Times are processor
+times. The exit code is 1 where a problem was not solved; its diagnosis is printed.
 """
 
 from __future__ import annotations
@@ -37,16 +37,28 @@ def run(seed: int, *, over_terrain: bool, qp_solver: str) -> dict[str, Any]:
         points = zs.trajectory_zmp(problem.machine, plan.trajectory, t, problem.ground)
         least = float(problem.machine.support.signed_distance(points).min())
     return {
-        "seed": seed, "status": plan.status.name, "solved": plan.success and least >= plan.margin - 1e-9,
-        "iterations": plan.iterations, "seconds": round(elapsed, 5), "duration": plan.duration,
-        "lower_bound": plan.lower_bound, "margin": least, "message": plan.message,
-    }  # fmt: skip
+        "seed": seed,
+        "status": plan.status.name,
+        "solved": plan.success and least >= plan.margin - 1e-9,
+        "iterations": plan.iterations,
+        "seconds": round(elapsed, 5),
+        "duration": plan.duration,
+        "lower_bound": plan.lower_bound,
+        "margin": least,
+        "message": plan.message,
+    }
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--count", type=int, default=100, help="how many problems: seeds 0, 1, ... (default 100)")
-    parser.add_argument("--slope", action="store_true", help="on the plane that the waves lie on, for comparison")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--count", type=int, default=100, help="how many problems: seeds 0, 1, ... (default 100)"
+    )
+    parser.add_argument(
+        "--slope", action="store_true", help="on the plane that the waves lie on, for comparison"
+    )
     parser.add_argument("--qp-solver", default="proxqp")
     parser.add_argument("--json", type=Path, help="write every problem's result here")
     options = parser.parse_args()
@@ -59,7 +71,9 @@ def main() -> int:
         if not result["solved"]:
             console.print(f"[bold]seed {seed} not solved[/bold]: {result}")
     solved = [result for result in results if result["solved"]]
-    at_bound = sum(result["duration"] <= (1.0 + AT_BOUND) * result["lower_bound"] for result in solved)
+    at_bound = sum(
+        result["duration"] <= (1.0 + AT_BOUND) * result["lower_bound"] for result in solved
+    )
     ground = "slope" if options.slope else "terrain"
     console.print(
         f"{len(solved)} of {len(results)} drives on {ground} solved by {options.qp_solver}, {at_bound} within 0.1 % of "
@@ -67,12 +81,22 @@ def main() -> int:
     )
     iterations = distribution([result["iterations"] for result in results])
     in_F = distribution([result["seconds"] / F for result in results])
-    print_table("distribution", ("", *iterations), [("iterations", *iterations.values()), ("time [F]", *in_F.values())])
+    print_table(
+        "distribution",
+        ("", *iterations),
+        [("iterations", *iterations.values()), ("time [F]", *in_F.values())],
+    )
     if options.json is not None:
         summary = {
-            "ground": ground, "qp_solver": options.qp_solver, "count": len(results), "solved": len(solved),
-            "F_seconds": F, "iterations": iterations, "time_in_F": in_F, "within_0.1_percent_of_lower_bound": at_bound,
-        }  # fmt: skip
+            "ground": ground,
+            "qp_solver": options.qp_solver,
+            "count": len(results),
+            "solved": len(solved),
+            "F_seconds": F,
+            "iterations": iterations,
+            "time_in_F": in_F,
+            "within_0.1_percent_of_lower_bound": at_bound,
+        }
         rows = [[result[key] for key in KEYS] for result in results]
         save_json(options.json, {**summary, "columns": KEYS}, rows=rows)
     return 0 if len(solved) == len(results) else 1

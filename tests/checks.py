@@ -12,13 +12,21 @@ import pinocchio as pin
 import zmp_sqp as zs
 from tests.problems import GRAVITY, Scene
 
-__all__ = ["Feasibility", "Oracle", "central_differences", "check_feasibility", "joint_limit_excess"]
+__all__ = [
+    "Feasibility",
+    "Oracle",
+    "central_differences",
+    "check_feasibility",
+    "joint_limit_excess",
+]
 
 Array = np.ndarray
 INNER_SAMPLES = np.linspace(0.0, 1.0, 14)[1:-1]  # of every interval
 
 
-def central_differences(function: Callable[[Array], Array], x: Array, *, step: float = 1e-6) -> Array:
+def central_differences(
+    function: Callable[[Array], Array], x: Array, *, step: float = 1e-6
+) -> Array:
     """Jacobian of a vector function, shape (m, n); its error is of second order in the step."""
     columns = []
     for i in range(len(x)):
@@ -32,8 +40,8 @@ def central_differences(function: Callable[[Array], Array], x: Array, *, step: f
 class Oracle:
     """Ground reaction and ZMP of a scene from its URDF and bare numbers, without the library's mechanics.
 
-    The model stands on a free-flyer root and gravity is a field of the model; tree and link stay two points when
-    masses are points. `zmp_by_differences` does not even need inverse dynamics.
+    The model stands on a free-flyer root and gravity is a field of the model; tree and link stay
+    two points when masses are points. `zmp_by_differences` does not even need inverse dynamics.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -41,10 +49,14 @@ class Oracle:
         tilt = pin.utils.rotate("y", scene.pitch) @ pin.utils.rotate("x", scene.roll)
         model.gravity = pin.Motion(tilt.T @ np.array([0.0, 0.0, -GRAVITY]), np.zeros(3))
         if scene.point_masses:
-            for i in range(2, model.njoints):  # what is fixed to the root stands still: its inertia does not matter
-                model.inertias[i] = pin.Inertia(model.inertias[i].mass, model.inertias[i].lever, np.zeros((3, 3)))
+            # what is fixed to the root stands still: its inertia does not matter
+            for i in range(2, model.njoints):
+                model.inertias[i] = pin.Inertia(
+                    model.inertias[i].mass, model.inertias[i].lever, np.zeros((3, 3))
+                )
         bodies = [(i, model.inertias[i]) for i in range(1, model.njoints)]
-        self.points = [(i, body.mass, body.lever.copy()) for i, body in bodies]  # a lever is a view, and the tree comes
+        # a lever is a view, and the tree comes
+        self.points = [(i, body.mass, body.lever.copy()) for i, body in bodies]
         if scene.tree is not None:
             joint = model.getJointId(scene.tree.frame)  # link and joint share their name and frame
             inertia = np.zeros((3, 3)) if scene.point_masses else scene.tree.inertia
@@ -54,7 +66,9 @@ class Oracle:
         self.model, self.data = model, model.createData()
         corners = np.array(scene.vertices)
         edges = np.roll(corners, -1, axis=0) - corners
-        inward = np.column_stack([-edges[:, 1], edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
+        inward = (
+            np.column_stack([-edges[:, 1], edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
+        )
         self.inward, self.offsets = inward, np.einsum("ij,ij->i", inward, corners)
 
     def zmp(self, q: Array, v: Array, a: Array) -> Array:
@@ -62,7 +76,9 @@ class Oracle:
         root, zero = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), np.zeros(6)
         points = []
         for one_q, one_v, one_a in zip(q, v, a, strict=True):
-            full = [np.concatenate(parts) for parts in ((root, one_q), (zero, one_v), (zero, one_a))]
+            full = [
+                np.concatenate(parts) for parts in ((root, one_q), (zero, one_v), (zero, one_a))
+            ]
             _, _, fz, tx, ty, _ = pin.rnea(self.model, self.data, *full)[:6]
             points.append([-ty / fz, tx / fz] if fz > 0.0 else [np.nan, np.nan])
         return np.array(points)
@@ -73,11 +89,16 @@ class Oracle:
         for t in (-step, 0.0, step):
             full = np.concatenate([[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0], q + t * v + 0.5 * t**2 * a])
             pin.forwardKinematics(self.model, self.data, full)
-            places.append(np.array([self.data.oMi[joint].act(lever) for joint, _, lever in self.points]))
+            places.append(
+                np.array([self.data.oMi[joint].act(lever) for joint, _, lever in self.points])
+            )
         masses = np.array([mass for _, mass, _ in self.points])
         pull = (places[2] - 2.0 * places[1] + places[0]) / step**2 - self.model.gravity.linear
         x, y, z = places[1].T
-        moments = [masses @ (pull[:, 2] * x - pull[:, 0] * z), masses @ (pull[:, 2] * y - pull[:, 1] * z)]
+        moments = [
+            masses @ (pull[:, 2] * x - pull[:, 0] * z),
+            masses @ (pull[:, 2] * y - pull[:, 1] * z),
+        ]
         return np.array(moments) / (masses @ pull[:, 2])
 
     def excess(self, q: Array, v: Array, a: Array) -> float:
@@ -90,7 +111,8 @@ class Oracle:
 class Feasibility:
     """What was found about a motion; every entry is a violation, not positive (or rounding) for a good motion."""
 
-    zmp_at_ends: float  # [m] at both ends of every interval, each with the interval's own acceleration
+    # [m] at both ends of every interval, each with the interval's own acceleration
+    zmp_at_ends: float
     zmp_between: float  # [m] on a fine grid within the intervals
     limits: float  # positions, rates, accelerations, at all times in closed form
     boundary: float  # start and goal, positions and rates
@@ -104,16 +126,26 @@ class Feasibility:
 
 def check_feasibility(scene: Scene, problem: zs.Problem, trajectory: zs.Trajectory) -> Feasibility:
     """Check a motion against its problem from the trajectory's bare arrays."""
-    v, a, j, h = trajectory.velocities, trajectory.accelerations, trajectory.jerks, _steps(trajectory)
+    v, a, j, h = (
+        trajectory.velocities,
+        trajectory.accelerations,
+        trajectory.jerks,
+        _steps(trajectory),
+    )
     q, oracle = trajectory.positions, Oracle(scene)
-    ends = oracle.excess(np.vstack([q[:-1], q[1:]]), np.vstack([v[:-1], v[1:]]), np.vstack([a, a + h * j]))
+    ends = oracle.excess(
+        np.vstack([q[:-1], q[1:]]), np.vstack([v[:-1], v[1:]]), np.vstack([a, a + h * j])
+    )
     between = max(oracle.excess(*_states(trajectory, share * h)) for share in INNER_SAMPLES)
     rates = v[0] + np.vstack([0.0 * v[:1], np.cumsum(h * (a + 0.5 * h * j), axis=0)])
     moves = h * (rates[:-1] + h * (a / 2.0 + h * j / 6.0))
     places = q[0] + np.vstack([0.0 * q[:1], np.cumsum(moves, axis=0)])
     boundary = [
-        q[0] - problem.start, q[-1] - problem.goal, v[0] - problem.start_velocity, v[-1] - problem.goal_velocity
-    ]  # fmt: skip
+        q[0] - problem.start,
+        q[-1] - problem.goal,
+        v[0] - problem.start_velocity,
+        v[-1] - problem.goal_velocity,
+    ]
     return Feasibility(
         zmp_at_ends=ends + problem.margin,
         zmp_between=between + problem.margin,
@@ -126,9 +158,9 @@ def check_feasibility(scene: Scene, problem: zs.Problem, trajectory: zs.Trajecto
 def joint_limit_excess(limits: Any, trajectory: zs.Trajectory) -> float:
     """Largest excess over any joint limit at any time, in closed form.
 
-    Accelerations are linear between nodes, so they are extreme at the interval ends; rates are parabolas, extreme
-    where the acceleration vanishes; positions are cubics, extreme where the rate vanishes: a root on either side of
-    that place, by bisection, which needs no formula for roots.
+    Accelerations are linear between nodes, so they are extreme at the interval ends; rates are
+    parabolas, extreme where the acceleration vanishes; positions are cubics, extreme where the rate
+    vanishes: a root on either side of that place, by bisection, which needs no formula for roots.
     """
     q, v, a, j, h = (*_nodes(trajectory), _steps(trajectory))
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -141,7 +173,9 @@ def joint_limit_excess(limits: Any, trajectory: zs.Trajectory) -> float:
             same = np.sign(_states(trajectory, middle)[1]) == start
             low, high = np.where(same, middle, low), np.where(same, high, middle)
         places += [_states(trajectory, low)[0], _states(trajectory, high)[0]]
-    highest, lowest = (pick([pick(part, axis=0) for part in places], axis=0) for pick in (np.max, np.min))
+    highest, lowest = (
+        pick([pick(part, axis=0) for part in places], axis=0) for pick in (np.max, np.min)
+    )
     over = (
         np.max([np.abs(part).max(axis=0) for part in rates], axis=0) - limits.velocity,
         np.maximum(np.abs(a), np.abs(a + h * j)).max(axis=0) - limits.acceleration,

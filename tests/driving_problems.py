@@ -51,33 +51,47 @@ def random_driving_problem(seed: int) -> DrivingProblem:
     while True:
         steepness, downhill = STEEPEST * np.sqrt(rng.uniform()), rng.uniform(-np.pi, np.pi)
         roll, pitch = steepness * np.cos(downhill), steepness * np.sin(downhill)
-        scene = Scene("feller_buncher", FOOTPRINT, Tree(rng.uniform(*PAYLOAD)), roll=roll, pitch=pitch)
+        scene = Scene(
+            "feller_buncher", FOOTPRINT, Tree(rng.uniform(*PAYLOAD)), roll=roll, pitch=pitch
+        )
         machine = scene.load()
         ways = _random_base(rng, kind, moving=moving, corridor=corridor)
-        lower, upper = np.array(machine.limits.position_lower), np.array(machine.limits.position_upper)
+        lower, upper = (
+            np.array(machine.limits.position_lower),
+            np.array(machine.limits.position_upper),
+        )
         lower[0], upper[0] = -np.pi, np.pi
         rates = rng.uniform(-0.1, 0.1, (2, machine.size)) * moving
         for start, goal in rng.uniform(lower, upper, (POSES, 2, machine.size)):
             try:
                 still = _still(ways)
-                zs.Problem(machine, start, goal, scene.ground, margin=STANDING, base=still)  # stands at both ends
+                # stands at both ends
+                zs.Problem(machine, start, goal, scene.ground, margin=STANDING, base=still)
                 problem = zs.Problem(
-                    machine, start, goal, scene.ground, start_velocity=rates[0], goal_velocity=rates[1],
+                    machine,
+                    start,
+                    goal,
+                    scene.ground,
+                    start_velocity=rates[0],
+                    goal_velocity=rates[1],
                     base=zs.UnicycleBase(**ways),
-                )  # fmt: skip
+                )
             except zs.ProblemError:  # tips over at rest, or cannot stop before a limit: draw again
                 continue
             return DrivingProblem(seed, kind, moving, corridor, scene, problem)
 
 
-def _random_base(rng: np.random.Generator, kind: str, *, moving: bool, corridor: bool) -> dict[str, Any]:
+def _random_base(
+    rng: np.random.Generator, kind: str, *, moving: bool, corridor: bool
+) -> dict[str, Any]:
     """Arguments of a `UnicycleBase`."""
     start = np.array([*rng.uniform(-5.0, 5.0, 2), rng.uniform(-np.pi, np.pi)])
     way, turn, aside = rng.uniform(1.0, 8.0), 0.0, 0.0
     if kind.startswith("arc"):
         turn = rng.uniform(0.3, 1.5) * rng.choice([-1.0, 1.0])
     if kind == "sideways":
-        turn, aside = rng.uniform(-0.3, 0.3), rng.uniform(0.1, 0.6) * rng.choice([-1.0, 1.0])  # from the mean heading
+        # from the mean heading
+        turn, aside = rng.uniform(-0.3, 0.3), rng.uniform(0.1, 0.6) * rng.choice([-1.0, 1.0])
     if kind == "on the spot":
         way, turn = 0.0, rng.uniform(0.3, 3.0) * rng.choice([-1.0, 1.0])
     if "back" in kind or (kind == "sideways" and rng.uniform() < 0.5):
@@ -85,13 +99,17 @@ def _random_base(rng: np.random.Generator, kind: str, *, moving: bool, corridor:
     heading = start[2] + 0.5 * turn + aside
     goal = start + np.array([way * np.cos(heading), way * np.sin(heading), turn])
     limits = {
-        "max_speed": rng.uniform(0.8, 3.0), "max_acceleration": rng.uniform(0.5, 2.0),
-        "max_yaw_rate": rng.uniform(0.3, 0.8), "max_yaw_acceleration": rng.uniform(0.5, 1.5),
-    }  # fmt: skip
+        "max_speed": rng.uniform(0.8, 3.0),
+        "max_acceleration": rng.uniform(0.5, 2.0),
+        "max_yaw_rate": rng.uniform(0.3, 0.8),
+        "max_yaw_acceleration": rng.uniform(0.5, 1.5),
+    }
     found: dict[str, Any] = {"start": start, "goal": goal, **limits}
     if moving:
         along, turning = np.sign(way) * rng.uniform(0.0, 0.3, 2), rng.uniform(-0.1, 0.1, 2)
-        found |= {f"{end}_velocity": (along[i], turning[i]) for i, end in enumerate(("start", "goal"))}
+        found |= {
+            f"{end}_velocity": (along[i], turning[i]) for i, end in enumerate(("start", "goal"))
+        }
     if corridor:
         sides = np.vstack([start[:2], goal[:2]])
         room = rng.uniform(*CLEARANCE)
@@ -101,20 +119,24 @@ def _random_base(rng: np.random.Generator, kind: str, *, moving: bool, corridor:
 
 
 def _still(ways: dict[str, Any]) -> zs.UnicycleBase:
-    return zs.UnicycleBase(**{key: value for key, value in ways.items() if not key.endswith("velocity")})
+    return zs.UnicycleBase(
+        **{key: value for key, value in ways.items() if not key.endswith("velocity")}
+    )
 
 
 def driving_violation(drawn: DrivingProblem, trajectory: zs.Trajectory) -> dict[str, float]:
     """How far a motion is from what it should be, from the bare numbers: ZMP by differences of the bodies' poses.
 
     Returns:
-        `zmp` beyond an edge [m], `limits` of the joints [rad, per second], `arrival` of base and arm [m, rad].
+        `zmp` beyond an edge [m], `limits` of the joints [rad, per second], `arrival` of base and
+        arm [m, rad].
     """
     problem = drawn.problem
     pad = 2e-3  # [s] that the differences need on either side
     times = np.linspace(pad, trajectory.duration - pad, SAMPLES)
     at_node = np.abs(times[:, None] - trajectory.times).min(axis=1) < pad
-    points = zmp_from_poses(drawn.scene, trajectory, times[~at_node])  # across a jump, differences mix both sides
+    # across a jump, differences mix both sides
+    points = zmp_from_poses(drawn.scene, trajectory, times[~at_node])
     corners = np.array(drawn.scene.vertices)
     over = (np.abs(points) - corners.max(axis=0)).max()
     pose = trajectory.base(np.array([0.0, trajectory.duration]))[0]

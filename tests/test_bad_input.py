@@ -23,7 +23,9 @@ RECTANGLE = np.array(FOOTPRINT)
 
 def problem(**changes: Any) -> zs.Problem:
     """A good problem but for what is changed."""
-    return zs.Problem(**({"machine": MACHINE, "start": POSE, "goal": PAPER_GOAL, "ground": SLOPE} | changes))
+    return zs.Problem(
+        **({"machine": MACHINE, "start": POSE, "goal": PAPER_GOAL, "ground": SLOPE} | changes)
+    )
 
 
 def with_entry(index: int, value: float) -> np.ndarray:
@@ -32,7 +34,9 @@ def with_entry(index: int, value: float) -> np.ndarray:
     return pose
 
 
-def refuses(error: type[Exception], message: str, call: Callable[..., Any], *given: Any, **named: Any) -> str:
+def refuses(
+    error: type[Exception], message: str, call: Callable[..., Any], *given: Any, **named: Any
+) -> str:
     """The complaint, which is one line."""
     with pytest.raises(error, match=message) as caught:
         call(*given, **named)
@@ -48,12 +52,18 @@ def test_the_good_problem_is_good() -> None:
 
 def test_every_error_is_the_librarys_own() -> None:
     for error in (
-        zs.ContactLost, zs.MachineError, zs.NotSolved, zs.ProblemError, zs.ScenarioError, zs.TrajectoryError
-    ):  # fmt: skip
+        zs.ContactLost,
+        zs.MachineError,
+        zs.NotSolved,
+        zs.ProblemError,
+        zs.ScenarioError,
+        zs.TrajectoryError,
+    ):
         assert issubclass(error, zs.ZmpSqpError)
 
 
-# --- NaN, infinity, shapes, types -------------------------------------------------------------------------------------
+# --- NaN, infinity, shapes, types
+# -------------------------------------------------------------------------------------
 
 
 def label(value: Any) -> str:
@@ -77,13 +87,31 @@ def test_states_that_are_not_finite(name: str, value: float) -> None:
 @pytest.mark.parametrize(
     "value",
     [
-        np.zeros(4), np.zeros(6), np.zeros((5, 1)), np.zeros((1, 5)), np.zeros((0,)), 0.0, [], [[0.0] * 5], "pose",
-        b"pose", ["a", "b", "c", "d", "e"], [None] * 5, {"slew": 0.0}, object(), [1.0 + 2.0j] * 5, [[1.0], 2.0],
-        np.array([object()] * 5), (x for x in range(5)), set(range(5)), np.zeros(5, dtype="datetime64[s]"),
-        np.ma.masked_all(5), range(10**6),
+        np.zeros(4),
+        np.zeros(6),
+        np.zeros((5, 1)),
+        np.zeros((1, 5)),
+        np.zeros((0,)),
+        0.0,
+        [],
+        [[0.0] * 5],
+        "pose",
+        b"pose",
+        ["a", "b", "c", "d", "e"],
+        [None] * 5,
+        {"slew": 0.0},
+        object(),
+        [1.0 + 2.0j] * 5,
+        [[1.0], 2.0],
+        np.array([object()] * 5),
+        (x for x in range(5)),
+        set(range(5)),
+        np.zeros(5, dtype="datetime64[s]"),
+        np.ma.masked_all(5),
+        range(10**6),
     ],
     ids=lambda value: type(value).__name__,  # addresses would differ between workers
-)  # fmt: skip
+)
 def test_states_of_the_wrong_shape_or_type(name: str, value: Any) -> None:
     refuses(zs.ProblemError, name.replace("_", "."), problem, **{name: value})
 
@@ -94,7 +122,8 @@ def test_states_that_are_missing(name: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "angle", [np.nan, np.inf, "steep", None, [0.1], 1j, 2.0, -np.pi / 2, 1e308, True, np.array([0.1])]
+    "angle",
+    [np.nan, np.inf, "steep", None, [0.1], 1j, 2.0, -np.pi / 2, 1e308, True, np.array([0.1])],
 )
 @pytest.mark.parametrize("name", ["roll", "pitch"])
 def test_slopes(name: str, angle: Any) -> None:
@@ -113,12 +142,16 @@ def test_machines(machine: Any) -> None:
     refuses(zs.MachineError, "machine", zs.zmp, machine, POSE, POSE, POSE, SLOPE)
 
 
-@pytest.mark.parametrize("margin", [np.nan, np.inf, -0.1, "wide", None, [0.1], 1.615, 2.0, 1e308, 1j, True])
+@pytest.mark.parametrize(
+    "margin", [np.nan, np.inf, -0.1, "wide", None, [0.1], 1.615, 2.0, 1e308, 1j, True]
+)
 def test_margins(margin: Any) -> None:
     refuses(zs.ProblemError, "margin", problem, margin=margin)
 
 
-@pytest.mark.parametrize("intervals", [1, 0, -1, 50.0, 2.5, np.nan, "50", None, True, [50], 1j, 10**9, 10**400])
+@pytest.mark.parametrize(
+    "intervals", [1, 0, -1, 50.0, 2.5, np.nan, "50", None, True, [50], 1j, 10**9, 10**400]
+)
 def test_intervals(intervals: Any) -> None:
     """Fewer than two, no whole number, or so many that no computer could hold them."""
     refuses(zs.ProblemError, "intervals", problem, intervals=intervals)
@@ -129,7 +162,8 @@ def test_models(model: Any) -> None:
     refuses(zs.ProblemError, "model", problem, model=model)
 
 
-# --- names ------------------------------------------------------------------------------------------------------------
+# --- names
+# ------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("key", ["velocity", "acceleration"])
@@ -137,7 +171,13 @@ def test_unknown_joint_names(key: str) -> None:
     text = refuses(zs.MachineError, "'bucket'", MACHINE.with_limits, **{key: {"bucket": 1.0}})
     for joint in MACHINE.joint_names:
         assert joint in text
-    refuses(zs.MachineError, "'bucket'", zs.load_machine, "feller_buncher", limits={key: {"bucket": 1.0}})
+    refuses(
+        zs.MachineError,
+        "'bucket'",
+        zs.load_machine,
+        "feller_buncher",
+        limits={key: {"bucket": 1.0}},
+    )
 
 
 def test_unknown_frame_names() -> None:
@@ -147,12 +187,16 @@ def test_unknown_frame_names() -> None:
 
 
 def test_unknown_contact_links() -> None:
-    text = refuses(zs.MachineError, "'left_foot'", zs.load_machine, "feller_buncher", support=("left_foot",))
+    text = refuses(
+        zs.MachineError, "'left_foot'", zs.load_machine, "feller_buncher", support=("left_foot",)
+    )
     assert "left_track" in text
 
 
 def test_unknown_limits() -> None:
-    text = refuses(zs.MachineError, "'jerk'", zs.load_machine, "feller_buncher", limits={"jerk": 1.0})
+    text = refuses(
+        zs.MachineError, "'jerk'", zs.load_machine, "feller_buncher", limits={"jerk": 1.0}
+    )
     assert "acceleration" in text
 
 
@@ -166,28 +210,40 @@ def test_unknown_qp_solvers() -> None:
         refuses(zs.ProblemError, "solver", zs.plan, problem(), qp_solver=name)
 
 
-# --- limits -----------------------------------------------------------------------------------------------------------
+# --- limits
+# -----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["start", "goal"])
 @pytest.mark.parametrize(
-    ("joint", "value"), [("slew", 6.5), ("boom", 0.7), ("stick", 0.0), ("tilt", -1.7), ("head", 1e308)]
+    ("joint", "value"),
+    [("slew", 6.5), ("boom", 0.7), ("stick", 0.0), ("tilt", -1.7), ("head", 1e308)],
 )
 def test_poses_outside_the_joint_limits(name: str, joint: str, value: float) -> None:
     i = MACHINE.joint_names.index(joint)
-    text = refuses(zs.ProblemError, f"{name} of joint '{joint}'", problem, **{name: with_entry(i, value)})
+    text = refuses(
+        zs.ProblemError, f"{name} of joint '{joint}'", problem, **{name: with_entry(i, value)}
+    )
     assert f"{value:.6g}" in text
     assert f"{MACHINE.limits.position_lower[i]:.6g}" in text
     assert f"{MACHINE.limits.position_upper[i]:.6g}" in text
     poses = (with_entry(i, value), POSE)
-    refuses(zs.ProblemError, f"'{joint}'", zs.phase_plane, MACHINE, *(poses if name == "start" else poses[::-1]))
+    refuses(
+        zs.ProblemError,
+        f"'{joint}'",
+        zs.phase_plane,
+        MACHINE,
+        *(poses if name == "start" else poses[::-1]),
+    )
 
 
 @pytest.mark.parametrize("name", ["start_velocity", "goal_velocity"])
 @pytest.mark.parametrize("value", [0.8, -0.8, 1e308])
 def test_rates_outside_the_velocity_limits(name: str, value: float) -> None:
     rates = np.array([0.0, 0.0, 0.0, value, 0.0])
-    text = refuses(zs.ProblemError, f"{name.split('_')[0]} velocity of joint 'tilt'", problem, **{name: rates})
+    text = refuses(
+        zs.ProblemError, f"{name.split('_')[0]} velocity of joint 'tilt'", problem, **{name: rates}
+    )
     assert f"{value:.6g}" in text
     assert "0.785398" in text
 
@@ -195,9 +251,13 @@ def test_rates_outside_the_velocity_limits(name: str, value: float) -> None:
 def test_rates_that_leave_no_room_to_stop() -> None:
     upper = MACHINE.limits.position_upper[1]
     text = refuses(
-        zs.ProblemError, "'boom'", problem,
-        start=with_entry(1, upper - 0.01), start_velocity=[0.0, 0.7, 0.0, 0.0, 0.0], ground=zs.Slope(),
-    )  # fmt: skip
+        zs.ProblemError,
+        "'boom'",
+        problem,
+        start=with_entry(1, upper - 0.01),
+        start_velocity=[0.0, 0.7, 0.0, 0.0, 0.0],
+        ground=zs.Slope(),
+    )
     assert "needed" in text
     assert "0.6" in text
 
@@ -205,13 +265,21 @@ def test_rates_that_leave_no_room_to_stop() -> None:
 @pytest.mark.parametrize(
     "limits",
     [
-        {"position_lower": {"boom": 0.7}}, {"position_upper": {"boom": -1.5}}, {"velocity": {"boom": 0.0}},
-        {"velocity": {"boom": -1.0}}, {"acceleration": {"boom": np.inf}}, {"acceleration": {"boom": np.nan}},
-        {"velocity": {"boom": "fast"}}, {"velocity": {"boom": None}}, {"velocity": {"boom": True}},
-        {"acceleration": {"boom": [1.0]}}, {"velocity": {"boom": 1j}}, {"acceleration": {"boom": 0}},
+        {"position_lower": {"boom": 0.7}},
+        {"position_upper": {"boom": -1.5}},
+        {"velocity": {"boom": 0.0}},
+        {"velocity": {"boom": -1.0}},
+        {"acceleration": {"boom": np.inf}},
+        {"acceleration": {"boom": np.nan}},
+        {"velocity": {"boom": "fast"}},
+        {"velocity": {"boom": None}},
+        {"velocity": {"boom": True}},
+        {"acceleration": {"boom": [1.0]}},
+        {"velocity": {"boom": 1j}},
+        {"acceleration": {"boom": 0}},
     ],
     ids=label,
-)  # fmt: skip
+)
 def test_contradictory_or_impossible_limits(limits: Any) -> None:
     refuses(zs.MachineError, "'boom'", zs.load_machine, "feller_buncher", limits=limits)
 
@@ -219,12 +287,26 @@ def test_contradictory_or_impossible_limits(limits: Any) -> None:
 @pytest.mark.parametrize(
     "limits",
     [
-        {"velocity": [1.0, 1.0]}, {"velocity": np.ones((5, 1))}, {"velocity": "fast"}, {"velocity": -1.0},
-        {"acceleration": np.nan}, {"velocity": []}, {"velocity": None}, {"acceleration": True}, {"velocity": {3: 1.0}},
-        {"velocity": {None: 1.0}}, {3: 1.0}, {None: None}, 3, [("velocity", 1.0)], b"x.yaml", "nothing.yaml", object(),
+        {"velocity": [1.0, 1.0]},
+        {"velocity": np.ones((5, 1))},
+        {"velocity": "fast"},
+        {"velocity": -1.0},
+        {"acceleration": np.nan},
+        {"velocity": []},
+        {"velocity": None},
+        {"acceleration": True},
+        {"velocity": {3: 1.0}},
+        {"velocity": {None: 1.0}},
+        {3: 1.0},
+        {None: None},
+        3,
+        [("velocity", 1.0)],
+        b"x.yaml",
+        "nothing.yaml",
+        object(),
     ],
     ids=label,
-)  # fmt: skip
+)
 def test_limits_of_the_wrong_shape_or_type(limits: Any) -> None:
     refuses(zs.MachineError, "limit", zs.load_machine, "feller_buncher", limits=limits)
 
@@ -232,7 +314,9 @@ def test_limits_of_the_wrong_shape_or_type(limits: Any) -> None:
 def test_limits_that_are_missing_are_named_when_a_problem_is_posed(tmp_path: Path) -> None:
     source = (Path(__file__).resolve().parents[1] / "urdf" / "feller_buncher.urdf").read_text()
     (tmp_path / "machine.urdf").write_text(source)  # without its joint_limits.yaml
-    machine = zs.load_machine(tmp_path / "machine.urdf", limits={"acceleration": {"slew": 1.0, "boom": 1.0}})
+    machine = zs.load_machine(
+        tmp_path / "machine.urdf", limits={"acceleration": {"slew": 1.0, "boom": 1.0}}
+    )
     text = refuses(zs.ProblemError, "acceleration", problem, machine=machine)
     for joint in ("stick", "tilt", "head"):
         assert f"'{joint}'" in text
@@ -240,7 +324,8 @@ def test_limits_that_are_missing_are_named_when_a_problem_is_posed(tmp_path: Pat
     refuses(zs.ProblemError, "'stick'", zs.phase_plane, machine, POSE, PAPER_GOAL)
 
 
-# --- tipping over at rest ---------------------------------------------------------------------------------------------
+# --- tipping over at rest
+# ---------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["start", "goal"])
@@ -256,7 +341,9 @@ def test_poses_that_tip_over_at_rest(name: str) -> None:
 
 def test_poses_that_tip_over_with_the_margin_asked_for() -> None:
     scene = paper_scene()
-    text = refuses(zs.ProblemError, "rest at the start", scene.problem, POSE, PAPER_GOAL, margin=0.9)
+    text = refuses(
+        zs.ProblemError, "rest at the start", scene.problem, POSE, PAPER_GOAL, margin=0.9
+    )
     assert "left edge" in text
     assert "0.9" in text
     assert "0.071" in text  # 0.786 of 1.615 m, less 0.9 m
@@ -266,7 +353,8 @@ def test_a_ground_so_steep_that_it_would_have_to_hold_the_machine() -> None:
     refuses(zs.ProblemError, "rest at the start", problem, ground=zs.Slope(pitch=1.5))
 
 
-# --- support polygons -------------------------------------------------------------------------------------------------
+# --- support polygons
+# -------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -279,7 +367,8 @@ def test_a_ground_so_steep_that_it_would_have_to_hold_the_machine() -> None:
         ([(0, 0), (1, 0)], "3 vertices"),
         ([(0, 0), (1, 0), (2, 0)], "vertex"),
         ([(0, 0), (1, 1), (1, 0), (0, 1)], "vertex"),  # crosses itself
-        (np.array([(np.cos(t), np.sin(t)) for t in 4 * np.pi * np.arange(5) / 5]), "itself"),  # a star
+        # a star
+        (np.array([(np.cos(t), np.sin(t)) for t in 4 * np.pi * np.arange(5) / 5]), "itself"),
         ([], "shape"),
         (np.zeros((4, 3)), "shape"),
         ([(0, 0), (1, np.nan), (0, 1)], "nan"),
@@ -300,7 +389,9 @@ def test_support_heights(height: Any) -> None:
     refuses(zs.MachineError, "height", zs.SupportPolygon, FOOTPRINT, height)
 
 
-@pytest.mark.parametrize("support", [3, RECTANGLE, ("left_track", 3), (), object(), [None], b"left_track", 1.0])
+@pytest.mark.parametrize(
+    "support", [3, RECTANGLE, ("left_track", 3), (), object(), [None], b"left_track", 1.0]
+)
 def test_supports(support: Any) -> None:
     refuses(zs.MachineError, "support", zs.load_machine, "feller_buncher", support=support)
 
@@ -309,12 +400,15 @@ def test_a_contact_link_that_moves() -> None:
     refuses(zs.MachineError, "'head'", zs.load_machine, "feller_buncher", support="head")
 
 
-# --- masses and inertias ----------------------------------------------------------------------------------------------
+# --- masses and inertias
+# ----------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("mass", [0.0, -0.0, -1.0, np.nan, np.inf, "heavy", None, [1.0], 1j, True])
 def test_payload_masses(mass: Any) -> None:
-    refuses(zs.MachineError, "payload mass", zs.Payload, mass=mass, com=(0.0, 0.0, 1.0), frame="head")
+    refuses(
+        zs.MachineError, "payload mass", zs.Payload, mass=mass, com=(0.0, 0.0, 1.0), frame="head"
+    )
 
 
 @pytest.mark.parametrize(
@@ -331,11 +425,21 @@ def test_payload_masses(mass: Any) -> None:
     ids=label,
 )
 def test_payload_inertias(inertia: Any, message: str) -> None:
-    text = refuses(zs.MachineError, message, zs.Payload, mass=10.0, com=(0.0, 0.0, 1.0), frame="head", inertia=inertia)
+    text = refuses(
+        zs.MachineError,
+        message,
+        zs.Payload,
+        mass=10.0,
+        com=(0.0, 0.0, 1.0),
+        frame="head",
+        inertia=inertia,
+    )
     assert "inertia" in text
 
 
-@pytest.mark.parametrize("com", [np.zeros(2), [np.nan, 0.0, 0.0], "middle", None, 0.0, np.zeros((3, 1))])
+@pytest.mark.parametrize(
+    "com", [np.zeros(2), [np.nan, 0.0, 0.0], "middle", None, 0.0, np.zeros((3, 1))]
+)
 def test_payload_places(com: Any) -> None:
     refuses(zs.MachineError, "payload com", zs.Payload, mass=10.0, com=com, frame="head")
 
@@ -355,13 +459,14 @@ def test_supports_in_place(support: Any) -> None:
     refuses(zs.MachineError, "support", MACHINE.with_support, support)
 
 
-# --- URDFs ------------------------------------------------------------------------------------------------------------
+# --- URDFs
+# ------------------------------------------------------------------------------------------------------------
 
 INERTIAL = '<inertial><mass value="{mass}"/><inertia ixx="{ixx}" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
 URDF = """<robot name="box">
   <link name="base">{base}<collision><geometry><box size="1 1 0.2"/></geometry></collision></link>
-  <joint name="turn" type="{kind}"><parent link="{parent}"/><child link="arm"/><axis xyz="{axis}"/>{limit}</joint>
-  <link name="arm">{arm}</link>
+  <joint name="turn" type="{kind}"><parent link="{parent}"/><child link="arm"/><axis
+  xyz="{axis}"/>{limit}</joint> <link name="arm">{arm}</link>
 </robot>"""
 GOOD = {
     "base": INERTIAL.format(mass=100, ixx=1),
@@ -406,12 +511,17 @@ def test_the_good_urdf_is_good(tmp_path: Path) -> None:
         ({"axis": "0 0 0"}, "joint 'turn'.*axis"),
         ({"axis": "0 0"}, "joint 'turn'.*3 numbers"),
         ({"limit": '<limit lower="1" upper="-1" velocity="1" effort="1"/>'}, "joint 'turn'.*lower"),
-        ({"limit": '<limit lower="-1" upper="1" velocity="-1" effort="1"/>'}, "joint 'turn'.*velocity.*-1"),
+        (
+            {"limit": '<limit lower="-1" upper="1" velocity="-1" effort="1"/>'},
+            "joint 'turn'.*velocity.*-1",
+        ),
         ({"limit": '<limit lower="-1" upper="nan" velocity="1" effort="1"/>'}, "joint 'turn'.*nan"),
         ({"limit": '<mimic joint="turn"/>'}, "joint 'turn'.*mimic"),
     ],
 )
-def test_urdfs_that_cannot_be_a_machine(tmp_path: Path, changes: dict[str, str], message: str) -> None:
+def test_urdfs_that_cannot_be_a_machine(
+    tmp_path: Path, changes: dict[str, str], message: str
+) -> None:
     text = refuses(zs.MachineError, message, zs.load_machine, write_urdf(tmp_path, **changes))
     assert "box.urdf" in text
 
@@ -419,13 +529,22 @@ def test_urdfs_that_cannot_be_a_machine(tmp_path: Path, changes: dict[str, str],
 @pytest.mark.parametrize(
     "content",
     [
-        b"", b"   ", b"<robot", b"<robot name='x'>", b"<robot/>", b"<robot name='x'></robot>", b"hello",
-        b"\xff\xfe\x00\x01", b"<sdf/>", b"<robot name='x'><link name='a'/></robot>", b"\x00" * 100,
+        b"",
+        b"   ",
+        b"<robot",
+        b"<robot name='x'>",
+        b"<robot/>",
+        b"<robot name='x'></robot>",
+        b"hello",
+        b"\xff\xfe\x00\x01",
+        b"<sdf/>",
+        b"<robot name='x'><link name='a'/></robot>",
+        b"\x00" * 100,
         b"<!DOCTYPE a [<!ENTITY b 'c'>]><robot name='x'><link name='a'/></robot>",
         b"<robot name='x' xmlns:xacro='http://wiki.ros.org/xacro'><xacro:include filename='y'/></robot>",
     ],
     ids=lambda content: content[:30].decode(errors="replace"),
-)  # fmt: skip
+)
 def test_files_that_are_no_urdf(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "broken.urdf"
     path.write_bytes(content)
@@ -453,16 +572,28 @@ def test_joint_limits_files(tmp_path: Path, content: str) -> None:
     refuses(zs.MachineError, r"box\.joint_limits\.yaml", zs.load_machine, path)
 
 
-# --- states of the quantities -----------------------------------------------------------------------------------------
+# --- states of the quantities
+# -----------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("call", [zs.zmp, zs.stability_margin])
 @pytest.mark.parametrize("which", range(3))
 @pytest.mark.parametrize(
     "value",
-    [None, "here", np.zeros(4), np.zeros((2, 4)), np.zeros((2, 2, 5)), 0.0, [], [np.nan] * 5, [1j] * 5, object()],
+    [
+        None,
+        "here",
+        np.zeros(4),
+        np.zeros((2, 4)),
+        np.zeros((2, 2, 5)),
+        0.0,
+        [],
+        [np.nan] * 5,
+        [1j] * 5,
+        object(),
+    ],
     ids=lambda value: type(value).__name__,  # addresses would differ between workers
-)  # fmt: skip
+)
 def test_states_of_the_zmp(call: Callable[..., Any], which: int, value: Any) -> None:
     states: list[Any] = [POSE, 0.0 * POSE, 0.0 * POSE]
     states[which] = value
@@ -471,7 +602,14 @@ def test_states_of_the_zmp(call: Callable[..., Any], which: int, value: Any) -> 
 
 def test_lift_off_is_no_zmp() -> None:
     refuses(
-        zs.ContactLost, "index 1", zs.zmp, MACHINE, [POSE] * 2, np.zeros((2, 5)), [0 * POSE, [0, -90, 0, 0, 0]], SLOPE
+        zs.ContactLost,
+        "index 1",
+        zs.zmp,
+        MACHINE,
+        [POSE] * 2,
+        np.zeros((2, 5)),
+        [0 * POSE, [0, -90, 0, 0, 0]],
+        SLOPE,
     )
 
 
@@ -503,7 +641,8 @@ def test_poses_of_the_phase_plane(value: Any) -> None:
     refuses(zs.ProblemError, "goal", zs.phase_plane, MACHINE, POSE, value)
 
 
-# --- extremes that are no misuse --------------------------------------------------------------------------------------
+# --- extremes that are no misuse
+# --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("value", [-0.0, 0, np.float32(0.0), np.int8(0)])
@@ -521,7 +660,9 @@ def test_whole_numbers_are_numbers() -> None:
 def test_limits_of_absurd_size(size: float) -> None:
     for key in ("velocity", "acceleration"):
         machine = zs.load_machine("slider").with_limits(**{key: size})
-        text = refuses(zs.ProblemError, f"{key} limit of joint 'slider'", zs.Problem, machine, [-0.1], [0.1])
+        text = refuses(
+            zs.ProblemError, f"{key} limit of joint 'slider'", zs.Problem, machine, [-0.1], [0.1]
+        )
         assert f"{size:g}" in text
 
 
@@ -546,7 +687,8 @@ def test_payloads_of_extreme_mass_end_in_a_plan_or_an_error(mass: float) -> None
     assert not plan.success or plan.margin >= 0.0
 
 
-# --- scenarios --------------------------------------------------------------------------------------------------------
+# --- scenarios
+# --------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

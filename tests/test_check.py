@@ -13,10 +13,20 @@ import zmp_sqp as zs
 from tests.planning.driving import base
 from tests.problems import paper_scene
 from zmp_sqp.cli import main
-from zmp_sqp.planning.robust_certificate import certify_for
+from zmp_sqp.planning.proof.robust_certificate import certify_for
 from zmp_sqp.scenario import SHIPPED, load_scenario
 
-TREE = ("--payload", "4000", "--payload-frame", "head", "--payload-com", "0", "0", "3.323", "--point-masses")
+TREE = (
+    "--payload",
+    "4000",
+    "--payload-frame",
+    "head",
+    "--payload-com",
+    "0",
+    "0",
+    "3.323",
+    "--point-masses",
+)
 START = np.array([0.0, -np.pi / 6, -2 * np.pi / 3, np.pi / 6, -np.pi / 2])
 GOAL = START + np.array([np.pi, 0.0, 0.0, 0.0, 0.0])
 
@@ -29,13 +39,17 @@ def blind(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def checked(path: Path, *options: str, code: int, capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+def checked(
+    path: Path, *options: str, code: int, capsys: pytest.CaptureFixture[str]
+) -> dict[str, Any]:
     assert main(["check", "feller_buncher", str(path), *TREE, *options, "--json", "-"]) == code
     result: dict[str, Any] = json.loads(capsys.readouterr().out)
     return result
 
 
-def test_a_motion_that_tips_the_machine_is_called_unsafe(blind: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_motion_that_tips_the_machine_is_called_unsafe(
+    blind: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     result = checked(blind, "--roll", "-20", code=1, capsys=capsys)
     machine = paper_scene().load()
     expected = zs.certify(machine, zs.Trajectory.from_csv(blind, machine), paper_scene().ground)
@@ -78,13 +92,27 @@ def test_a_motion_faster_than_its_joints_is_not_safe(
     assert result["limit_excess"] == pytest.approx(np.pi / 4 - 0.5, abs=1e-3)
 
 
-def test_a_drive_over_a_heightmap_is_checked_on_that_map(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_drive_over_a_heightmap_is_checked_on_that_map(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     plan = zs.plan(load_scenario("terrain").problem)
     plan.trajectory.to_csv(tmp_path / "motion.csv")
     machine, ground = paper_scene().load(), plan.problem.ground
-    ground_options = ("--heightmap", str(SHIPPED / "terrain.csv"), "--resolution", "1", "--origin", "-16", "-14")
-    expected = zs.certify(machine, zs.Trajectory.from_csv(tmp_path / "motion.csv", machine, ground), ground)
-    result = checked(tmp_path / "motion.csv", *ground_options, code=0 if expected.safe else 1, capsys=capsys)
+    ground_options = (
+        "--heightmap",
+        str(SHIPPED / "terrain.csv"),
+        "--resolution",
+        "1",
+        "--origin",
+        "-16",
+        "-14",
+    )
+    expected = zs.certify(
+        machine, zs.Trajectory.from_csv(tmp_path / "motion.csv", machine, ground), ground
+    )
+    result = checked(
+        tmp_path / "motion.csv", *ground_options, code=0 if expected.safe else 1, capsys=capsys
+    )
     assert result["margin"] == pytest.approx(expected.margin, abs=1e-9)
     for options, message in (
         (ground_options[:2], "--heightmap needs --resolution"),
@@ -98,9 +126,19 @@ def test_a_drive_over_a_heightmap_is_checked_on_that_map(tmp_path: Path, capsys:
 def test_a_motion_is_certified_at_all_corners_of_what_is_uncertain(
     blind: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    options = ("--tipping-fraction", "0.75", "--payload-uncertainty", "0.1", "--slope-uncertainty", "2")
+    options = (
+        "--tipping-fraction",
+        "0.75",
+        "--payload-uncertainty",
+        "0.1",
+        "--slope-uncertainty",
+        "2",
+    )
     options += ("--payload-com-uncertainty", "0.1", "0", "0.2")
-    nominal, result = checked(blind, code=0, capsys=capsys), checked(blind, *options, code=1, capsys=capsys)
+    nominal, result = (
+        checked(blind, code=0, capsys=capsys),
+        checked(blind, *options, code=1, capsys=capsys),
+    )
     machine = paper_scene().load()
     problem = zs.Problem(
         machine,
@@ -116,12 +154,19 @@ def test_a_motion_is_certified_at_all_corners_of_what_is_uncertain(
     assert result["corner"] == expected.corner != ""
     assert result["margin"] < nominal["margin"] - 0.01
     assert nominal["corner"] == ""
-    assert f"leaves the left edge by {-expected.margin:.3f} m with {expected.corner}" in result["fault"]
+    assert (
+        f"leaves the left edge by {-expected.margin:.3f} m with {expected.corner}"
+        in result["fault"]
+    )
     level = checked(blind, "--slope-uncertainty", "0.001", code=0, capsys=capsys)
     assert level["corner"]
     assert not level["fault"]
     for option, value, message in (
-        ("--slope-uncertainty", "40", "--slope-uncertainty must lie within [0, 28.65] degrees, not 40"),
+        (
+            "--slope-uncertainty",
+            "40",
+            "--slope-uncertainty must lie within [0, 28.65] degrees, not 40",
+        ),
         ("--tipping-fraction", "75", "--tipping-fraction must lie within [0.1, 1], not 75"),
         ("--base-limits", "1 1 1 1", "this motion has none"),
     ):
@@ -132,7 +177,9 @@ def test_a_motion_is_certified_at_all_corners_of_what_is_uncertain(
 def test_a_drive_is_compared_with_the_bound_of_its_base_or_with_none(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    plan = zs.plan(paper_scene().problem(START, START, base=base(goal=(-3.0, 0.0, 0.0)), intervals=10))
+    plan = zs.plan(
+        paper_scene().problem(START, START, base=base(goal=(-3.0, 0.0, 0.0)), intervals=10)
+    )
     plan.trajectory.to_csv(tmp_path / "drive.csv")
     assert checked(tmp_path / "drive.csv", "--roll", "-20", code=0, capsys=capsys)["gap"] is None
     options = ["--roll", "-20", "--base-limits", "10", "2", "0.5", "1"]
@@ -154,7 +201,9 @@ def test_a_drive_that_begins_too_fast_is_said_to_be_too_fast(
     assert "exceeds the base's max_speed by" in fast["fault"]
 
 
-def test_a_payload_beyond_all_reason_is_refused(blind: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_payload_beyond_all_reason_is_refused(
+    blind: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     load = ["--payload-frame", "head", "--payload-com", "0", "0"]
     for numbers, message in (
         ("1e308 3", "payload mass must be at most"),
@@ -176,14 +225,18 @@ def test_a_payload_beyond_all_reason_is_refused(blind: Path, capsys: pytest.Capt
         (["check", "feller_buncher", "nowhere.csv", "--contact-links", "tracks"], "tracks"),
     ],
 )
-def test_bad_input_gets_one_sentence(arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_input_gets_one_sentence(
+    arguments: list[str], message: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert main(arguments) == 2
     complaint = capsys.readouterr().err
     assert message in complaint
     assert complaint.count("\n") == 1
 
 
-def test_a_file_that_is_no_motion_is_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_that_is_no_motion_is_bad_input(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = tmp_path / "motion.csv"
     for text in ("", "time\n0\n", "time,slew.position\n0,a\n", "\x00\x01"):
         path.write_text(text, encoding="utf-8")
@@ -196,20 +249,53 @@ def test_help_is_complete(capsys: pytest.CaptureFixture[str]) -> None:
         main(["check", "--help"])
     assert stop.value.code == 0
     text = capsys.readouterr().out
-    for word in ("--roll", "--payload-com", "--slope-uncertainty", "exit codes", "tip_over_energy", "feller_buncher"):
+    for word in (
+        "--roll",
+        "--payload-com",
+        "--slope-uncertainty",
+        "exit codes",
+        "tip_over_energy",
+        "feller_buncher",
+    ):
         assert word in text
 
 
-def test_a_payload_has_the_inertia_that_is_given(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_payload_has_the_inertia_that_is_given(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     problem = load_scenario("paper_1_rigid").problem
     motion = tmp_path / "motion.csv"
     zs.plan(problem).trajectory.to_csv(motion)
     tree = problem.machine.model.frames[-1].inertia
     inertia = [f"{value:.17g}" for value in np.diag(tree.inertia)]
-    expected = zs.certify(problem.machine, zs.Trajectory.from_csv(motion, problem.machine), problem.ground)
-    payload = ("--payload", "4000", "--payload-frame", "head", "--payload-com", "0", "0", "3.323", "--roll", "-20")
-    arguments = ["check", "feller_buncher", str(motion), *payload, "--payload-inertia", *inertia, "--json", "-"]
+    expected = zs.certify(
+        problem.machine, zs.Trajectory.from_csv(motion, problem.machine), problem.ground
+    )
+    payload = (
+        "--payload",
+        "4000",
+        "--payload-frame",
+        "head",
+        "--payload-com",
+        "0",
+        "0",
+        "3.323",
+        "--roll",
+        "-20",
+    )
+    arguments = [
+        "check",
+        "feller_buncher",
+        str(motion),
+        *payload,
+        "--payload-inertia",
+        *inertia,
+        "--json",
+        "-",
+    ]
     assert main(arguments) == 0
-    assert json.loads(capsys.readouterr().out)["margin"] == pytest.approx(expected.margin, abs=1e-12)
+    assert json.loads(capsys.readouterr().out)["margin"] == pytest.approx(
+        expected.margin, abs=1e-12
+    )
     assert main(["check", "feller_buncher", str(motion), "--payload-inertia", "1", "1", "1"]) == 2
     assert "--payload-inertia belongs to a payload" in capsys.readouterr().err

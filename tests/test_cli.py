@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 
 import zmp_sqp.cli as cli
-from zmp_sqp.report import RESULT_KEYS
 from zmp_sqp.scenario import SCHEMA, load_scenario, shipped_scenarios
+from zmp_sqp.show.report import RESULT_KEYS
 
 TIPPING = """
 [machine]
@@ -72,7 +72,8 @@ def failing(monkeypatch: pytest.MonkeyPatch, fault: BaseException) -> None:
     monkeypatch.setattr(cli, "plan", plan)
 
 
-# --- 0: done and safe -------------------------------------------------------------------------------------------------
+# --- 0: done and safe
+# -------------------------------------------------------------------------------------------------
 
 
 def test_out_holds_trajectory_results_and_figures(out: Path) -> None:
@@ -122,7 +123,9 @@ def test_json_on_standard_output_is_all_there_is(capsys: pytest.CaptureFixture[s
     assert cli.main(["plan", "paper_1", "--json", "-"]) == 0
     captured = capsys.readouterr()
     result = json.loads(captured.out)
-    assert list(result) == [line.strip() for row in RESULT_KEYS.splitlines()[1:] for line in names(row)]
+    assert list(result) == [
+        line.strip() for row in RESULT_KEYS.splitlines()[1:] for line in names(row)
+    ]
     assert result["lower_bound"] == pytest.approx(4.5)
     assert result["margin"] > -1e-4  # [m]
     assert result["phase_plane"]["duration"] == pytest.approx(4.5)
@@ -177,14 +180,20 @@ def test_a_start_in_motion_has_no_phase_plane_to_compare_with(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "moving.toml").write_text(MOVING)
-    assert cli.main(["plan", str(tmp_path / "moving.toml"), "--json", "-", "--out", str(tmp_path)]) == 0
+    assert (
+        cli.main(["plan", str(tmp_path / "moving.toml"), "--json", "-", "--out", str(tmp_path)])
+        == 0
+    )
     assert json.loads(capsys.readouterr().out)["phase_plane"] is None
 
 
-# --- 1: no safe motion ------------------------------------------------------------------------------------------------
+# --- 1: no safe motion
+# ------------------------------------------------------------------------------------------------
 
 
-def test_no_motion_is_a_diagnosis_and_exit_code_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_no_motion_is_a_diagnosis_and_exit_code_1(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "stretched.toml").write_text(STRETCHED)
     (tmp_path / "trajectory.csv").write_text("of an earlier run")
     options = ["--out", str(tmp_path), "--json", "-", "--intervals", "6"]
@@ -198,10 +207,12 @@ def test_no_motion_is_a_diagnosis_and_exit_code_1(tmp_path: Path, capsys: pytest
     assert 0.0 < result["diagnosis"]["steepest_slope"] < 0.35
     assert "For this goal the payload could be" in result["message"]
     assert result == json.loads((tmp_path / "plan.json").read_text())
-    assert {path.name for path in tmp_path.iterdir()} == {"stretched.toml", "plan.json"}  # no motion lies about
+    # no motion lies about
+    assert {path.name for path in tmp_path.iterdir()} == {"stretched.toml", "plan.json"}
 
 
-# --- 2: bad input -----------------------------------------------------------------------------------------------------
+# --- 2: bad input
+# -----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -226,13 +237,17 @@ def test_bad_input_is_one_sentence_on_standard_error(
     assert error.count("\n") == 1
 
 
-def test_a_goal_that_tips_over_at_rest_is_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_goal_that_tips_over_at_rest_is_bad_input(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     (tmp_path / "tipping.toml").write_text(TIPPING)
     assert cli.main(["plan", str(tmp_path / "tipping.toml")]) == 2
     assert "goal" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("arguments", [[], ["dance"], ["plan"], ["plan", "paper_1", "--intervals", "many"]])
+@pytest.mark.parametrize(
+    "arguments", [[], ["dance"], ["plan"], ["plan", "paper_1", "--intervals", "many"]]
+)
 def test_argparse_exits_with_2(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as caught:
         cli.main(arguments)
@@ -240,10 +255,13 @@ def test_argparse_exits_with_2(arguments: list[str], capsys: pytest.CaptureFixtu
     assert "usage:" in capsys.readouterr().err
 
 
-# --- the rest ---------------------------------------------------------------------------------------------------------
+# --- the rest
+# ---------------------------------------------------------------------------------------------------------
 
 
-def test_an_interrupt_is_quiet(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_interrupt_is_quiet(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     failing(monkeypatch, KeyboardInterrupt())
     assert cli.main(["plan", "paper_1"]) == 130
     assert capsys.readouterr() == ("", "")
@@ -270,7 +288,9 @@ def test_words_outside_the_terminals_alphabet_are_no_error(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["plan", "--help"]])
-def test_help_lists_scenarios_examples_and_exit_codes(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_lists_scenarios_examples_and_exit_codes(
+    arguments: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(SystemExit) as caught:
         cli.main(arguments)
     assert caught.value.code == 0
@@ -293,7 +313,9 @@ def test_help_of_plan_names_every_key_of_a_scenario(capsys: pytest.CaptureFixtur
     assert not missing(SCHEMA.keys)
 
 
-def test_help_of_paper_explains_files_keys_and_exit_codes(capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_of_paper_explains_files_keys_and_exit_codes(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     with pytest.raises(SystemExit) as caught:
         cli.main(["paper", "--help"])
     assert caught.value.code == 0
@@ -303,7 +325,9 @@ def test_help_of_paper_explains_files_keys_and_exit_codes(capsys: pytest.Capture
     assert max(len(line) for line in printed.splitlines()) <= 110
 
 
-def test_the_simplified_model_is_a_scenario_like_any_other(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_simplified_model_is_a_scenario_like_any_other(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert cli.main(["plan", "paper_1_simplified", "--json", "-"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert 4.5 <= result["duration"] <= 4.505  # [s]

@@ -20,7 +20,10 @@ from zmp_sqp.scenario import load_scenario
 
 ROOT = Path(__file__).parent.parent
 FEW = settings(
-    max_examples=150, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=150,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
 )
 START = np.array([0.0, -np.pi / 6, -2 * np.pi / 3, np.pi / 6, -np.pi / 2])
 GOAL = START + np.array([0.5, 0.1, 0.0, 0.0, 0.0])
@@ -45,9 +48,18 @@ TOKENS = (
     "'",
 )
 NUMBERS = (
-    st.floats(allow_nan=True, allow_infinity=True, width=64) | st.integers(-3, 3) | st.sampled_from([1e-300, 1e300])
+    st.floats(allow_nan=True, allow_infinity=True, width=64)
+    | st.integers(-3, 3)
+    | st.sampled_from([1e-300, 1e300])
 )
-THINGS = NUMBERS | st.none() | st.text(max_size=3) | st.booleans() | st.lists(NUMBERS, max_size=6) | st.just(object())
+THINGS = (
+    NUMBERS
+    | st.none()
+    | st.text(max_size=3)
+    | st.booleans()
+    | st.lists(NUMBERS, max_size=6)
+    | st.just(object())
+)
 
 
 @st.composite
@@ -117,7 +129,9 @@ def test_joint_limits(tmp_path: Path) -> None:
     @given(text=spoilt(good))
     def fuzz(text: str) -> None:
         with suppress(Refused), politely(zs.MachineError):
-            limits = zs.load_machine("slider", limits=write(tmp_path / "joint_limits.yaml", text)).limits
+            limits = zs.load_machine(
+                "slider", limits=write(tmp_path / "joint_limits.yaml", text)
+            ).limits
             for limit in (limits.velocity, limits.acceleration):
                 assert (np.isnan(limit) | (limit > 0.0)).all()
 
@@ -131,7 +145,9 @@ def test_scenarios(tmp_path: Path) -> None:
     @given(text=spoilt(good))
     def fuzz(text: str) -> None:
         with suppress(Refused), politely(zs.ScenarioError, "scenario.toml"):
-            assert isinstance(load_scenario(write(tmp_path / "scenario.toml", text)).problem, zs.Problem)
+            assert isinstance(
+                load_scenario(write(tmp_path / "scenario.toml", text)).problem, zs.Problem
+            )
 
     fuzz()
 
@@ -150,7 +166,9 @@ def test_trajectories(tmp_path: Path) -> None:
             found = zs.certify(machine, motion, zs.Slope())
             if found.safe:
                 _, q, v, a = motion.within(np.linspace(0.0, 1.0, 5))
-                assert zs.stability_margin(machine, q, v, a, zs.Slope()).min() >= found.margin - 1e-9
+                assert (
+                    zs.stability_margin(machine, q, v, a, zs.Slope()).min() >= found.margin - 1e-9
+                )
 
     fuzz()
 
@@ -165,7 +183,12 @@ def test_trajectories(tmp_path: Path) -> None:
     )
 )
 def test_problems_of_anything(changes: dict[str, Any]) -> None:
-    given_ = {"machine": paper_scene().load(), "start": START, "goal": GOAL, "intervals": 5} | changes
+    given_ = {
+        "machine": paper_scene().load(),
+        "start": START,
+        "goal": GOAL,
+        "intervals": 5,
+    } | changes
     with suppress(Refused), politely():
         plan = zs.plan(zs.Problem(**given_), time_budget=2.0)
         assert not plan.success or plan.certificate.safe
@@ -180,15 +203,24 @@ def test_problems_of_anything(changes: dict[str, Any]) -> None:
     margin=st.sampled_from([0.0, 0.0, 0.1, 0.3]),
 )
 def test_problems_that_might_be_meant(
-    start: list[float], goal: list[float], rates: list[float], angles: tuple[float, float], margin: float
+    start: list[float],
+    goal: list[float],
+    rates: list[float],
+    angles: tuple[float, float],
+    margin: float,
 ) -> None:
     middle, width = np.array([0.0, -0.4, -1.5, 0.7, 0.0]), np.array([3.0, 0.9, 1.2, 2.0, 3.0])
     machine = paper_scene().load()
     with suppress(Refused), politely(zs.ProblemError):
         problem = zs.Problem(
-            machine, middle + width * start, middle + width * goal, zs.Slope(*angles),
-            start_velocity=rates, margin=margin, intervals=8,
-        )  # fmt: skip
+            machine,
+            middle + width * start,
+            middle + width * goal,
+            zs.Slope(*angles),
+            start_velocity=rates,
+            margin=margin,
+            intervals=8,
+        )
         plan = zs.plan(problem, time_budget=3.0)
         assert plan.message
         if plan.success:

@@ -30,7 +30,9 @@ def imports(name: str) -> set[str]:
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
-            above = package.split(".")[: len(package.split(".")) + 1 - node.level] if node.level else []
+            above = (
+                package.split(".")[: len(package.split(".")) + 1 - node.level] if node.level else []
+            )
             source = ".".join([*above, *([node.module] if node.module else [])])
             for alias in node.names:
                 submodule = f"{source}.{alias.name}"
@@ -47,11 +49,29 @@ def within(name: str, *packages: str) -> bool:
 
 
 FOUNDATION = {name for name in MODULES if within(name, "zmp_sqp.arrays", "zmp_sqp.errors")}
-LAYERS = {  # what a half may import besides itself and the foundation
+LAYERS = {  # what a wing may import besides itself and the foundation
     "zmp_sqp.mechanics": (),
     "zmp_sqp.sqp": (),
-    "zmp_sqp.planning": ("zmp_sqp.mechanics", "zmp_sqp.sqp"),
-    "zmp_sqp.simulation": ("zmp_sqp.mechanics", "zmp_sqp.planning"),
+    "zmp_sqp.motion": ("zmp_sqp.mechanics",),
+    "zmp_sqp.planning.problem": ("zmp_sqp.mechanics", "zmp_sqp.motion"),
+    "zmp_sqp.planning.program": (
+        "zmp_sqp.mechanics",
+        "zmp_sqp.motion",
+        "zmp_sqp.sqp",
+        "zmp_sqp.planning.problem",
+    ),
+    "zmp_sqp.planning.proof": ("zmp_sqp.mechanics", "zmp_sqp.motion", "zmp_sqp.planning.problem"),
+    "zmp_sqp.planning.closed_forms": (
+        "zmp_sqp.mechanics",
+        "zmp_sqp.motion",
+    ),
+    "zmp_sqp.planning.search": (
+        "zmp_sqp.mechanics",
+        "zmp_sqp.motion",
+        "zmp_sqp.sqp",
+        "zmp_sqp.planning",
+    ),
+    "zmp_sqp.simulation": ("zmp_sqp.mechanics", "zmp_sqp.motion", "zmp_sqp.planning"),
 }
 
 
@@ -60,7 +80,10 @@ def test_imports_run_one_way(layer):
     allowed = (layer, *LAYERS[layer])
     members = [name for name in MODULES if within(name, layer)]
     wrong = {
-        f"{name} -> {target}" for name in members for target in own(name) - FOUNDATION if not within(target, *allowed)
+        f"{name} -> {target}"
+        for name in members
+        for target in own(name) - FOUNDATION
+        if not within(target, *allowed)
     }
     assert members
     assert not wrong
@@ -71,51 +94,96 @@ def test_the_foundation_stands_on_itself_alone():
 
 
 def test_the_sqp_knows_no_robot():
-    outside = {f"{name} -> {target}" for name in MODULES if within(name, "zmp_sqp.sqp") for target in imports(name)}
+    outside = {
+        f"{name} -> {target}"
+        for name in MODULES
+        if within(name, "zmp_sqp.sqp")
+        for target in imports(name)
+    }
     assert not {
-        edge for edge in outside if edge.split(" -> ")[1].split(".")[0] in {"pinocchio", "pin", "mujoco", "yaml"}
+        edge
+        for edge in outside
+        if edge.split(" -> ")[1].split(".")[0] in {"pinocchio", "pin", "mujoco", "yaml"}
     }
 
 
 LEAVES = (
-    "zmp_sqp.check_command",
     "zmp_sqp.cli",
+    "zmp_sqp.commands",
     "zmp_sqp.paper",
-    "zmp_sqp.paper_command",
-    "zmp_sqp.paper_driving",
-    "zmp_sqp.paper_figures",
-    "zmp_sqp.paper_ladder",
-    "zmp_sqp.paper_tables",
-    "zmp_sqp.plots",
-    "zmp_sqp.plots_base",
-    "zmp_sqp.replay_command",
-    "zmp_sqp.report",
     "zmp_sqp.scenario",
+    "zmp_sqp.show",
 )
 
 
 def test_only_leaves_import_leaves_and_nobody_the_command_line():
     edges = {(name, target) for name in MODULES for target in own(name)}
-    assert not {(name, target) for name, target in edges if within(target, *LEAVES) and not within(name, *LEAVES)}
-    assert not {(name, target) for name, target in edges if within(target, "zmp_sqp.cli") and name != "zmp_sqp.cli"}
+    assert not {
+        (name, target)
+        for name, target in edges
+        if within(target, *LEAVES) and not within(name, *LEAVES)
+    }
+    assert not {
+        (name, target)
+        for name, target in edges
+        if within(target, "zmp_sqp.cli") and name != "zmp_sqp.cli"
+    }
 
 
 def test_no_import_cycles():
-    TopologicalSorter({name: own(name) for name in MODULES}).prepare()  # raises CycleError with the cycle
+    # raises CycleError with the cycle
+    TopologicalSorter({name: own(name) for name in MODULES}).prepare()
 
 
 def test_importing_the_package_loads_neither_plots_nor_qp_backends():
     code = f"import sys, zmp_sqp; assert zmp_sqp.__file__; print(*sorted({set(HEAVY)!r} & set(sys.modules)))"
-    run = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=120)
+    run = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=120
+    )
     assert run.returncode == 0, run.stderr
     assert run.stdout.split() == []
 
 
-def test_no_module_is_longer_than_300_lines():
-    lengths = {name: len(path.read_text(encoding="utf-8").splitlines()) for name, path in MODULES.items()}
-    assert not {name: length for name, length in lengths.items() if length > 300}
+LONGEST_FUNCTION = 60  # lines
+LONGER = {  # functions that may be longer, with the reason
+    "zmp_sqp.cli._parser": "to be split",
+    "zmp_sqp.commands.check.add_check": "to be split",
+    "zmp_sqp.mechanics.bounds.wrench_bounds.wrench_bounds": "to be split",
+    "zmp_sqp.mechanics.uncertainty.corners": "to be split",
+    "zmp_sqp.motion.trajectory.from_csv": "to be split",
+    "zmp_sqp.planning.closed_forms.base_bound.plan_base": "to be split",
+    "zmp_sqp.planning.closed_forms.phase_plane.phase_plane": "to be split",
+    "zmp_sqp.planning.closed_forms.slew.analytic_slew": "to be split",
+    "zmp_sqp.planning.closed_forms.slew_circle.slew_insight": "to be split",
+    "zmp_sqp.planning.proof.certificate.certify": "to be split",
+    "zmp_sqp.planning.proof.certificate._stretches": "to be split",
+    "zmp_sqp.planning.search.diagnosis.diagnose": "to be split",
+    "zmp_sqp.planning.search.planner.plan": "to be split",
+    "zmp_sqp.show.plots.draw_loci": "to be split",
+    "zmp_sqp.show.plots.plot_joints": "to be split",
+    "zmp_sqp.simulation.multibody.multibody_spec": "to be split",
+    "zmp_sqp.simulation.physics.replay": "to be split",
+    "zmp_sqp.simulation.pictures._furnish": "to be split",
+    "zmp_sqp.sqp.solver.minimize": "to be split",
+}
+
+
+def test_functions_are_at_most_60_lines_long():
+    lengths = {
+        f"{name}.{node.name}": node.end_lineno - node.lineno + 1
+        for name, path in MODULES.items()
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+    }
+    long = {name for name, length in lengths.items() if length > LONGEST_FUNCTION}
+    assert long <= set(LONGER)
+    assert set(LONGER) <= long  # an exception that is no longer needed leaves the list
 
 
 def test_every_shipped_file_is_below_one_mebibyte():
-    shipped = [path for folder in (PACKAGE, ROOT / "urdf") for path in folder.rglob("*") if path.is_file()]
-    assert not [path for path in shipped if "__pycache__" not in path.parts and path.stat().st_size >= 2**20]
+    shipped = [
+        path for folder in (PACKAGE, ROOT / "urdf") for path in folder.rglob("*") if path.is_file()
+    ]
+    assert not [
+        path for path in shipped if "__pycache__" not in path.parts and path.stat().st_size >= 2**20
+    ]

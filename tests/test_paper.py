@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 
 import zmp_sqp.cli as cli
-import zmp_sqp.paper as paper
-import zmp_sqp.paper_command as paper_command
-from zmp_sqp.paper_driving import TOGETHER, driving_failures
-from zmp_sqp.paper_ladder import ladder
-from zmp_sqp.paper_tables import ladder_overview, ladder_sheet, markdown, sheets
+import zmp_sqp.commands.paper as paper_command
+import zmp_sqp.paper.runs as paper
+from zmp_sqp.paper.driving import TOGETHER, driving_failures
+from zmp_sqp.paper.ladder import ladder
+from zmp_sqp.paper.tables import ladder_overview, ladder_sheet, markdown, sheets
 
 pytest.importorskip("matplotlib")
 
@@ -39,7 +39,8 @@ def planner(result: dict[str, Any], test: str, name: str) -> dict[str, Any]:
     return next(entry for entry in result["tests"] if entry["name"] == test)["planners"][name]
 
 
-# --- the paper's claims -----------------------------------------------------------------------------------------------
+# --- the paper's claims
+# -----------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("test", ["test_1", "test_2"])
@@ -66,7 +67,9 @@ def test_the_base_backs_up_beside_the_arm_with_the_zmp_inside(result: dict[str, 
         assert way["peak_acceleration"] <= paper.BASE["max_acceleration"] + 1e-9
 
 
-def test_base_and_arm_together_are_as_fast_as_two_steps_or_faster_and_as_safe(result: dict[str, Any]) -> None:
+def test_base_and_arm_together_are_as_fast_as_two_steps_or_faster_and_as_safe(
+    result: dict[str, Any],
+) -> None:
     rows = result["driving"]
     assert len(rows) == 3 * len(paper.WAYS)
     assert all(row["success"] and 0.0 <= row["margin"] <= row["sampled"] for row in rows)
@@ -76,7 +79,8 @@ def test_base_and_arm_together_are_as_fast_as_two_steps_or_faster_and_as_safe(re
         assert together["duration"] == pytest.approx(PAPER, rel=GRID)
         assert all(together["duration"] <= (1.0 + GRID) * row["duration"] for row in steps)
     simplified = next(row for row in rows if row["distance"] == -6.0)
-    assert simplified["duration"] > 1.1 * PAPER  # the arm's motion leaves the base little room: it waits
+    # the arm's motion leaves the base little room: it waits
+    assert simplified["duration"] > 1.1 * PAPER
 
 
 def test_the_analytic_slew_agrees_with_the_sqp(result: dict[str, Any]) -> None:
@@ -85,14 +89,17 @@ def test_the_analytic_slew_agrees_with_the_sqp(result: dict[str, Any]) -> None:
         assert row["analytic"] == pytest.approx(row["sqp"], rel=SLEW)
 
 
-def test_times_are_given_in_seconds_and_in_units_of_derivative_calls(result: dict[str, Any]) -> None:
+def test_times_are_given_in_seconds_and_in_units_of_derivative_calls(
+    result: dict[str, Any],
+) -> None:
     for entry in result["tests"]:
         for model in paper.MODELS:
             assert entry["planners"][model]["time"] > 0.0
             assert entry["planners"][model]["time_in_F"] > 1.0
 
 
-# --- what is written --------------------------------------------------------------------------------------------------
+# --- what is written
+# --------------------------------------------------------------------------------------------------
 
 
 def test_out_holds_tables_results_and_figures(out: Path, result: dict[str, Any]) -> None:
@@ -109,12 +116,15 @@ def test_out_holds_tables_results_and_figures(out: Path, result: dict[str, Any])
 
 def test_json_holds_what_the_help_explains(result: dict[str, Any]) -> None:
     explained = [
-        line.split()[0] for line in paper_command.PAPER_KEYS.splitlines() if line.startswith("  ") and line[2] != " "
+        line.split()[0]
+        for line in paper_command.PAPER_KEYS.splitlines()
+        if line.startswith("  ") and line[2] != " "
     ]
     assert set(result) <= set(explained)
 
 
-# --- the ladder -------------------------------------------------------------------------------------------------------
+# --- the ladder
+# -------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
@@ -148,7 +158,8 @@ def test_the_ladders_tables_say_why_not(rungs: list[dict[str, Any]]) -> None:
     assert overview.rows[-1] == ("10 t", "tips over at rest", "tips over at rest")
 
 
-# --- exit codes and the rest ------------------------------------------------------------------------------------------
+# --- exit codes and the rest
+# ------------------------------------------------------------------------------------------
 
 
 def test_what_should_be_safe_and_is_not_is_exit_code_1(
@@ -159,7 +170,9 @@ def test_what_should_be_safe_and_is_not_is_exit_code_1(
     found = paper.failures(spoilt)
     assert len(found) == 1
     assert "leaves the polygon by 0.2 m" in found[0]
-    monkeypatch.setattr(paper_command, "paper_result", lambda **_: (spoilt | {"failures": found}, {}))
+    monkeypatch.setattr(
+        paper_command, "paper_result", lambda **_: (spoilt | {"failures": found}, {})
+    )
     assert cli.main(["paper", "--no-figures"]) == 1
     assert found[0] in capsys.readouterr().out
 
@@ -167,7 +180,9 @@ def test_what_should_be_safe_and_is_not_is_exit_code_1(
 def test_each_claim_can_fail(result: dict[str, Any]) -> None:
     for change in (
         lambda spoilt: planner(spoilt, "test_1", "full").update(duration=4.6),
-        lambda spoilt: planner(spoilt, "test_2", "full").update(success=False, duration=None, margin=None),
+        lambda spoilt: planner(spoilt, "test_2", "full").update(
+            success=False, duration=None, margin=None
+        ),
         lambda spoilt: spoilt["tests"][-1]["base"][1].update(margin=-0.1),
         lambda spoilt: spoilt["slews"][0].update(sqp=None),
         lambda spoilt: spoilt["slews"][1].update(analytic=5.0),
@@ -207,10 +222,13 @@ def test_a_folder_that_cannot_be_made_is_bad_input(capsys: pytest.CaptureFixture
     assert "/dev/null" in capsys.readouterr().err
 
 
-# --- the README -------------------------------------------------------------------------------------------------------
+# --- the README
+# -------------------------------------------------------------------------------------------------------
 
 
 def test_the_readmes_tables_are_those_of_the_benchmark() -> None:
     from benchmarks.paper import RESULTS, readme_tables
 
-    assert readme_tables(json.loads(RESULTS.read_text())) in (ROOT / "README.md").read_text(encoding="utf-8")
+    assert readme_tables(json.loads(RESULTS.read_text())) in (ROOT / "README.md").read_text(
+        encoding="utf-8"
+    )

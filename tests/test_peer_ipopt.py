@@ -26,8 +26,12 @@ def test_the_peers_zmp_is_the_librarys():
     machine, wrench = named.problem.machine, wrench_function(named.scene)
     for _ in range(100):
         q, v, a = rng.uniform(-1.5, 1.5, (3, machine.size))
-        _, _, fz, tx, ty, _ = np.array(wrench(q, v, a, named.scene.ground.gravity(), named.scene.tree.mass)).ravel()
-        assert np.abs([-ty / fz, tx / fz] - zs.zmp(machine, q, v, a, named.scene.ground)).max() < SAME
+        _, _, fz, tx, ty, _ = np.array(
+            wrench(q, v, a, named.scene.ground.gravity(), named.scene.tree.mass)
+        ).ravel()
+        assert (
+            np.abs([-ty / fz, tx / fz] - zs.zmp(machine, q, v, a, named.scene.ground)).max() < SAME
+        )
 
 
 @pytest.mark.parametrize("seed", [9, 29])

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from zmp_sqp.mechanics import SupportPolygon
-from zmp_sqp.paper import Motions
-from zmp_sqp.paper_figures import FIGURES, draw_figures
+from zmp_sqp.paper.figures import FIGURES, draw_figures
+from zmp_sqp.paper.runs import Motions
 from zmp_sqp.planning import Plan, Trajectory, phase_plane, plan
-from zmp_sqp.planning.base_motion import asymmetric_profile
-from zmp_sqp.plots import PLANNER_COLOURS, plot_joints, plot_zmp, sample_times
+from zmp_sqp.planning.closed_forms.base_motion import asymmetric_profile
 from zmp_sqp.scenario import load_scenario
+from zmp_sqp.show.plots import PLANNER_COLOURS, plot_joints, plot_zmp, sample_times
 
 pytest.importorskip("matplotlib")
 
@@ -42,7 +42,11 @@ def curves(monkeypatch: pytest.MonkeyPatch) -> list:
 
 
 def test_figures_are_small_png_files(planned: Plan, baseline: Trajectory, tmp_path: Path) -> None:
-    plot_zmp(planned.problem, {"phase plane": baseline, "full model": planned.trajectory}, tmp_path / "zmp.png")
+    plot_zmp(
+        planned.problem,
+        {"phase plane": baseline, "full model": planned.trajectory},
+        tmp_path / "zmp.png",
+    )
     plot_joints(planned.problem.machine, planned.trajectory, str(tmp_path / "joints.png"))
     for name in ("zmp.png", "joints.png"):
         content = (tmp_path / name).read_bytes()
@@ -59,12 +63,17 @@ def test_the_locus_is_drawn_in_the_papers_axes_and_colours(
     planned: Plan, baseline: Trajectory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     saved = curves(monkeypatch)
-    plot_zmp(planned.problem, {"phase plane": baseline, "full model": planned.trajectory}, "nowhere.png")
+    plot_zmp(
+        planned.problem, {"phase plane": baseline, "full model": planned.trajectory}, "nowhere.png"
+    )
     [axes] = saved[0].axes
     lines = {line.get_label(): line for line in axes.get_lines()}
     polygon = lines["support polygon"].get_xydata()
-    np.testing.assert_allclose(np.abs(polygon), np.tile([1.615, 2.5], (5, 1)))  # 3.23 m wide, 5 m long
-    blind, ours = (lines[f"ZMP locus: {name}"].get_xydata() for name in ("phase plane", "full model"))
+    # 3.23 m wide, 5 m long
+    np.testing.assert_allclose(np.abs(polygon), np.tile([1.615, 2.5], (5, 1)))
+    blind, ours = (
+        lines[f"ZMP locus: {name}"].get_xydata() for name in ("phase plane", "full model")
+    )
     assert np.nanmin(blind[:, 0]) < -1.615 - 0.3  # leaves to the left, where the ground leans
     assert np.nanmin(ours[:, 0]) > -1.615 - 1e-3
     for locus in (blind, ours):
@@ -73,13 +82,19 @@ def test_the_locus_is_drawn_in_the_papers_axes_and_colours(
     assert axes.get_aspect() == 1.0
 
 
-def test_every_joint_has_a_name_and_its_limits_are_dashed(planned: Plan, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_joint_has_a_name_and_its_limits_are_dashed(
+    planned: Plan, monkeypatch: pytest.MonkeyPatch
+) -> None:
     saved = curves(monkeypatch)
     plot_joints(planned.problem.machine, planned.trajectory, "nowhere.png")
     acceleration, rate, angle = saved[0].axes
     for axes in (acceleration, rate, angle):
-        assert [line.get_label() for line in axes.get_lines()[:5]] == list(planned.trajectory.joint_names)
-    dashed = {round(line.get_ydata()[0], 6) for line in rate.get_lines() if line.get_linestyle() == "--"}
+        assert [line.get_label() for line in axes.get_lines()[:5]] == list(
+            planned.trajectory.joint_names
+        )
+    dashed = {
+        round(line.get_ydata()[0], 6) for line in rate.get_lines() if line.get_linestyle() == "--"
+    }
     assert dashed == {round(-np.pi / 4, 6), round(np.pi / 4, 6)}
 
 
@@ -108,11 +123,13 @@ def test_other_planners_get_colours_of_their_own_and_any_polygon_is_drawn(
 
 def test_no_figure_leaves_a_trace_in_pyplot(planned: Plan, tmp_path: Path) -> None:
     plot_joints(planned.problem.machine, planned.trajectory, tmp_path / "joints.png")
-    assert "matplotlib.pyplot" not in sys.modules or not sys.modules["matplotlib.pyplot"].get_fignums()
+    assert (
+        "matplotlib.pyplot" not in sys.modules or not sys.modules["matplotlib.pyplot"].get_fignums()
+    )
 
 
 def test_matplotlib_and_rich_are_not_imported_before_they_are_needed() -> None:
-    code = "import sys, zmp_sqp.cli, zmp_sqp.plots; print([m for m in ('matplotlib', 'rich') if m in sys.modules])"
+    code = "import sys, zmp_sqp.cli, zmp_sqp.show.plots; print([m for m in ('matplotlib', 'rich') if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 
@@ -130,10 +147,16 @@ def test_figures_4_to_6_show_every_planner_on_every_joint_with_dashed_limits(
     planned: Plan, baseline: Trajectory, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     saved = curves(monkeypatch)
-    arms = {"phase plane": baseline, "full model": planned.trajectory, "simplified": planned.trajectory}
+    arms = {
+        "phase plane": baseline,
+        "full model": planned.trajectory,
+        "simplified": planned.trajectory,
+    }
     base = asymmetric_profile(-2.0, forward=2.0, backward=2.0, max_speed=10.0, least_duration=0.0)
     moving = Motions(planned.problem, arms, {"phase plane": base, "simplified": base})
-    assert [path.name for path in draw_figures(Motions(planned.problem, arms, {}), moving, tmp_path)] == list(FIGURES)
+    assert [
+        path.name for path in draw_figures(Motions(planned.problem, arms, {}), moving, tmp_path)
+    ] == list(FIGURES)
     loci, joints, locus, accelerations = saved
     assert {"$d_u$", "$d_l$"} <= {text.get_text() for text in loci.axes[0].texts}
     for figure in (joints, accelerations):
@@ -142,7 +165,9 @@ def test_figures_4_to_6_show_every_planner_on_every_joint_with_dashed_limits(
     assert len(accelerations.axes) == 1 + 5
     for axes in joints.axes:
         drawn = {line.get_label(): line.get_color() for line in axes.get_lines()}
-        assert {name: drawn[name] for name in arms} == {name: PLANNER_COLOURS[name] for name in arms}
+        assert {name: drawn[name] for name in arms} == {
+            name: PLANNER_COLOURS[name] for name in arms
+        }
     for axes in [*joints.axes[::3], *accelerations.axes]:
         dashed = [line.get_ydata()[0] for line in axes.get_lines() if line.get_linestyle() == "--"]
         assert len(dashed) == 2
@@ -156,11 +181,18 @@ def test_a_base_that_drives_is_drawn_with_its_limits_its_path_and_its_footprints
     saved = curves(monkeypatch)
     found = plan(load_scenario("retreat").problem)
     problem, motion = found.problem, found.trajectory.base
-    plot_joints(problem.machine, found.trajectory, "nowhere.png", base=problem.base, ground=problem.ground)
+    plot_joints(
+        problem.machine, found.trajectory, "nowhere.png", base=problem.base, ground=problem.ground
+    )
     joints, drive, above = saved[0].subfigs
     assert len(joints.axes) == 3
     way, speed, yaw, yaw_rate = drive.axes
-    assert [axes.get_ylabel() for axes in drive.axes] == ["way [m]", "speed [m/s]", "yaw [rad]", "yaw rate [rad/s]"]
+    assert [axes.get_ylabel() for axes in drive.axes] == [
+        "way [m]",
+        "speed [m/s]",
+        "yaw [rad]",
+        "yaw rate [rad/s]",
+    ]
     assert -7.0 < way.get_lines()[0].get_ydata()[-1] < -6.0  # a little longer than the chord of 6 m
     assert "limit 10" in {text.get_text() for text in speed.texts}
     assert yaw.get_lines()[0].get_ydata()[-1] == pytest.approx(1.0, abs=1e-6)
@@ -168,15 +200,21 @@ def test_a_base_that_drives_is_drawn_with_its_limits_its_path_and_its_footprints
     assert dashed == [-0.5, 0.5]
     [axes] = above.axes
     lines = {line.get_label(): line for line in axes.get_lines()}
-    np.testing.assert_allclose(lines["path"].get_xydata()[[0, -1]], motion.poses[[0, -1], :2], atol=1e-6)
+    np.testing.assert_allclose(
+        lines["path"].get_xydata()[[0, -1]], motion.poses[[0, -1], :2], atol=1e-6
+    )
     closed = [line.get_xydata() for line in axes.get_lines() if len(line.get_xydata()) == 5]
     assert len(closed) >= 4  # start, goal, and between
     for corners in closed:
-        np.testing.assert_allclose(np.linalg.norm(np.diff(corners, axis=0), axis=1), [5.0, 3.23] * 2, atol=1e-9)
+        np.testing.assert_allclose(
+            np.linalg.norm(np.diff(corners, axis=0), axis=1), [5.0, 3.23] * 2, atol=1e-9
+        )
     assert "downhill" in {text.get_text() for text in axes.texts}
 
 
-def test_a_drive_over_a_map_is_drawn_on_contour_lines_with_their_heights(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_drive_over_a_map_is_drawn_on_contour_lines_with_their_heights(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     saved = curves(monkeypatch)
     found = plan(load_scenario("terrain").problem)
     problem, ground = found.problem, found.problem.ground
@@ -188,7 +226,9 @@ def test_a_drive_over_a_map_is_drawn_on_contour_lines_with_their_heights(monkeyp
     [lines] = [part for part in axes.collections if len(part.get_paths()) > 3]
     for path, level in zip(lines.get_paths(), lines.levels, strict=True):
         for x, y in path.vertices[::50]:
-            assert ground.base_pose(np.array([[x, y, 0.0]]))[0][0, 2] == pytest.approx(level, abs=5e-3)
+            assert ground.base_pose(np.array([[x, y, 0.0]]))[0][0, 2] == pytest.approx(
+                level, abs=5e-3
+            )
 
 
 def test_a_base_without_known_limits_is_drawn_without_them(tmp_path: Path) -> None:

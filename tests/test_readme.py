@@ -10,7 +10,10 @@ BLOCKS = re.compile(r"```(\w*)\n(.*?)```", re.DOTALL)
 
 
 def blocks():
-    return [(language, text) for language, text in BLOCKS.findall((ROOT / "README.md").read_text(encoding="utf-8"))]
+    return [
+        (language, text)
+        for language, text in BLOCKS.findall((ROOT / "README.md").read_text(encoding="utf-8"))
+    ]
 
 
 def test_the_code_prints_what_the_readme_says():
@@ -25,7 +28,9 @@ def test_the_code_prints_what_the_readme_says():
 def test_every_file_that_the_readme_names_is_there():
     links = re.findall(r"\]\(([^)#]+)\)", (ROOT / "README.md").read_text(encoding="utf-8"))
     assert links
-    assert not [link for link in links if not link.startswith("http") and not (ROOT / link).exists()]
+    assert not [
+        link for link in links if not link.startswith("http") and not (ROOT / link).exists()
+    ]
 
 
 def test_the_first_python_block_is_short():

@@ -10,14 +10,26 @@ import pytest
 
 import zmp_sqp.cli as cli
 from tests.test_cli import STRETCHED
-from zmp_sqp.replay_command import REPLAY_FILES, REPLAY_KEYS
+from zmp_sqp.commands.replay import REPLAY_FILES, REPLAY_KEYS
 from zmp_sqp.scenario import load_scenario
 
 pytestmark = pytest.mark.physics
 MOTION_KEYS = {
-    "duration", "margin", "max_tilt", "lift", "lift_at", "lifted_at", "tipped", "pivot", "least_edge_load",
-    "least_loaded_edge", "least_loads", "slide", "tracking_error", "fell",
-}  # fmt: skip
+    "duration",
+    "margin",
+    "max_tilt",
+    "lift",
+    "lift_at",
+    "lifted_at",
+    "tipped",
+    "pivot",
+    "least_edge_load",
+    "least_loaded_edge",
+    "least_loads",
+    "slide",
+    "tracking_error",
+    "fell",
+}
 
 
 @pytest.fixture(autouse=True)
@@ -32,10 +44,18 @@ def planned(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_a_scenario_is_replayed_beside_the_phase_plane(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_scenario_is_replayed_beside_the_phase_plane(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert cli.main(["replay", "paper_1", "--out", str(tmp_path / "new" / "folder")]) == 0
     printed = capsys.readouterr().out
-    for words in ("stands", "tips over left at 1.14 s", "maximal tilt", "least load of a track", "(right)"):
+    for words in (
+        "stands",
+        "tips over left at 1.14 s",
+        "maximal tilt",
+        "least load of a track",
+        "(right)",
+    ):
         assert words in printed
     result = json.loads((tmp_path / "new" / "folder" / "replay.json").read_text())
     assert list(result["motions"]) == ["planned", "phase plane"]
@@ -52,20 +72,29 @@ def test_every_key_is_explained() -> None:
     assert all(key in REPLAY_KEYS for key in MOTION_KEYS)
 
 
-def test_the_file_of_a_plan_is_replayed_on_its_scenario(planned: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_file_of_a_plan_is_replayed_on_its_scenario(
+    planned: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     assert cli.main(["replay", str(planned / "trajectory.csv"), "--json", "-"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["scenario"] == "paper_1"
     assert list(result["motions"]) == ["file"]
 
 
-def test_a_file_that_tips_the_machine_over_exits_1(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_file_that_tips_the_machine_over_exits_1(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     import zmp_sqp as zs
 
     problem = load_scenario("paper_1").problem
     path = tmp_path / "fast.csv"
     zs.phase_plane(problem.machine, problem.start, problem.goal).to_csv(path)
-    assert cli.main(["replay", str(path), "--scenario", "paper_1", "--no-pictures", "--out", str(tmp_path)]) == 1
+    assert (
+        cli.main(
+            ["replay", str(path), "--scenario", "paper_1", "--no-pictures", "--out", str(tmp_path)]
+        )
+        == 1
+    )
     assert "tips over left" in capsys.readouterr().out
     assert not (tmp_path / "replay.png").exists()
 
@@ -94,9 +123,12 @@ def test_without_a_plan_the_baseline_is_replayed_and_the_exit_code_is_1(
     ],
 )
 def test_bad_input_exits_2_with_one_line(
-    arguments: list[str], complaint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    arguments: list[str],
+    complaint: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
+) -> None:
     monkeypatch.chdir(tmp_path)
     assert cli.main(["replay", *arguments]) == 2
     error = capsys.readouterr().err
@@ -117,7 +149,9 @@ def test_a_motion_that_cannot_be_drawn_is_still_reported(
 ) -> None:
     monkeypatch.setitem(sys.modules, "PIL.Image", None)
     assert cli.main(["replay", "paper_1", "--out", str(tmp_path)]) == 0
-    assert "no pictures: a picture of a replay needs Pillow" in capsys.readouterr().out.replace("\n", " ")
+    assert "no pictures: a picture of a replay needs Pillow" in capsys.readouterr().out.replace(
+        "\n", " "
+    )
     assert (tmp_path / "replay.json").exists()
 
 

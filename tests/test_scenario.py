@@ -55,7 +55,8 @@ def slider(tmp_path: Path) -> Path:
     return tmp_path
 
 
-# --- what a file means ------------------------------------------------------------------------------------------------
+# --- what a file means
+# ------------------------------------------------------------------------------------------------
 
 
 def test_shipped_scenarios_are_listed_and_all_of_them_load() -> None:
@@ -70,10 +71,21 @@ def test_paper_1_is_test_1_of_the_paper() -> None:
     scenario = load_scenario("paper_1")
     problem, machine = scenario.problem, scenario.problem.machine
     pi = np.pi
-    np.testing.assert_allclose(problem.start, [0.0, -pi / 6, -2 * pi / 3, pi / 6, -pi / 2], rtol=1e-15)  # eq. (22)
-    np.testing.assert_allclose(problem.goal, [pi, -pi / 6, -2 * pi / 3, pi / 6, -pi / 2], rtol=1e-15)  # eq. (23)
+    # eq. (22)
+    np.testing.assert_allclose(
+        problem.start, [0.0, -pi / 6, -2 * pi / 3, pi / 6, -pi / 2], rtol=1e-15
+    )
+    # eq. (23)
+    np.testing.assert_allclose(
+        problem.goal, [pi, -pi / 6, -2 * pi / 3, pi / 6, -pi / 2], rtol=1e-15
+    )
     assert machine.mass == pytest.approx(27650.0)  # Table I
-    assert (problem.intervals, problem.margin, problem.model, scenario.qp_solver) == (50, 0.0, "full", "proxqp")
+    assert (problem.intervals, problem.margin, problem.model, scenario.qp_solver) == (
+        50,
+        0.0,
+        "full",
+        "proxqp",
+    )
     at_rest = zmp(machine, problem.start, np.zeros(5), np.zeros(5), problem.ground)
     np.testing.assert_allclose(at_rest, [1.270, 0.786], atol=1e-3)  # paper.md
 
@@ -82,7 +94,9 @@ def test_paper_1_has_point_masses_and_paper_1_rigid_has_not() -> None:
     points, bodies = (load_scenario(name).problem for name in ("paper_1", "paper_1_rigid"))
     np.testing.assert_array_equal(points.start, bodies.start)
     pitching = np.array([0.0, np.pi / 2, 0.0, 0.0, 0.0])
-    rigid, lumped = (zmp(p.machine, p.start, np.zeros(5), pitching, p.ground)[0] for p in (bodies, points))
+    rigid, lumped = (
+        zmp(p.machine, p.start, np.zeros(5), pitching, p.ground)[0] for p in (bodies, points)
+    )
     assert 0.10 < rigid - lumped < 0.16  # [m]; of the stem alone, on level ground: 0.124
 
 
@@ -95,7 +109,9 @@ def test_degrees_and_radians_mean_the_same(tmp_path: Path) -> None:
     np.testing.assert_allclose(problem.start, load_scenario("paper_1").problem.start, rtol=1e-15)
 
 
-def test_a_file_without_title_is_called_by_its_name_and_defaults_are_the_librarys(tmp_path: Path) -> None:
+def test_a_file_without_title_is_called_by_its_name_and_defaults_are_the_librarys(
+    tmp_path: Path,
+) -> None:
     scenario = load_scenario(str(written(tmp_path, PAPER_1)))
     assert (scenario.name, scenario.title, scenario.qp_solver) == ("my", "my", "proxqp")
     assert scenario.problem.machine.mass == pytest.approx(23650.0)  # no payload
@@ -112,19 +128,27 @@ def test_files_are_found_beside_the_scenario_and_all_machine_keys_count(slider: 
 def test_a_joint_limits_file_and_contact_links_can_be_named(slider: Path) -> None:
     limits = "joint_limits:\n  rail: {has_acceleration_limits: true, max_acceleration: 3.0}\n"
     (slider / "my_limits.yaml").write_text(limits, encoding="utf-8")
-    text = SLIDER_SCENARIO.replace("limits = { acceleration = { rail = 2 } }", 'joint_limits = "my_limits.yaml"')
-    assert load_scenario(written(slider, text)).problem.machine.limits.acceleration.tolist() == [3.0]
+    text = SLIDER_SCENARIO.replace(
+        "limits = { acceleration = { rail = 2 } }", 'joint_limits = "my_limits.yaml"'
+    )
+    assert load_scenario(written(slider, text)).problem.machine.limits.acceleration.tolist() == [
+        3.0
+    ]
     tracks = PAPER_1.replace("[ground]", 'contact_links = ["left_track", "right_track"]\n[ground]')
     support = load_scenario(written(slider, tracks)).problem.machine.support
-    np.testing.assert_allclose(np.ptp(support.vertices, axis=0), [5.0, 3.23])  # [m], the paper's polygon
+    # [m], the paper's polygon
+    np.testing.assert_allclose(np.ptp(support.vertices, axis=0), [5.0, 3.23])
 
 
 def test_sliding_joints_are_told_from_turning_ones(slider: Path) -> None:
-    assert sliding_joints(load_scenario(written(slider, SLIDER_SCENARIO)).problem.machine) == ("rail",)
+    assert sliding_joints(load_scenario(written(slider, SLIDER_SCENARIO)).problem.machine) == (
+        "rail",
+    )
     assert sliding_joints(load_scenario("paper_1").problem.machine) == ()
 
 
-# --- what is wrong with a file ----------------------------------------------------------------------------------------
+# --- what is wrong with a file
+# ----------------------------------------------------------------------------------------
 
 MISTAKES = {
     "unknown key": (
@@ -137,7 +161,11 @@ MISTAKES = {
         "[grund]",
         r"grund: unknown key \(did you mean ground\?\); allowed are title, machine",
     ),
-    "key without a likeness": ("roll_deg", "xyzzy", r"\[ground\] xyzzy: unknown key; allowed are roll_deg, pitch_deg"),
+    "key without a likeness": (
+        "roll_deg",
+        "xyzzy",
+        r"\[ground\] xyzzy: unknown key; allowed are roll_deg, pitch_deg",
+    ),
     "unknown nested key": (
         "[ground]",
         "[machine.payload]\nweight = 1\n[ground]",
@@ -149,7 +177,11 @@ MISTAKES = {
         "[machine.payload]\nmass = 1\n[ground]",
         r"\[machine.payload\] com: missing; .* 3 finite",
     ),
-    "missing start": ("start_deg = [0.0, -30.0, -120.0, 30.0, -90.0]", "", r"\[motion\] start or start_deg: missing"),
+    "missing start": (
+        "start_deg = [0.0, -30.0, -120.0, 30.0, -90.0]",
+        "",
+        r"\[motion\] start or start_deg: missing",
+    ),
     "both units": (
         "start_deg",
         "start = [0, 0, 0, 0, 0]\nstart_deg",
@@ -161,17 +193,33 @@ MISTAKES = {
         "support = {vertices = [[0, 0]]}\ncontact_links = []\n[ground]",
         "support and contact_links",
     ),
-    "string for number": ("-20.0", '"-20"', r"\[ground\] roll_deg: must be a finite number, not '-20'"),
+    "string for number": (
+        "-20.0",
+        '"-20"',
+        r"\[ground\] roll_deg: must be a finite number, not '-20'",
+    ),
     "true for number": ("-20.0", "true", r"\[ground\] roll_deg: must be a finite number, not True"),
     "not finite": ("-20.0", "nan", r"\[ground\] roll_deg: must be a finite number, not nan"),
-    "infinite entry": ("[0.0, -30.0", "[inf, -30.0", r"\[motion\] start_deg: must be a list of finite numbers.*\[inf"),
+    "infinite entry": (
+        "[0.0, -30.0",
+        "[inf, -30.0",
+        r"\[motion\] start_deg: must be a list of finite numbers.*\[inf",
+    ),
     "float for integer": (
         "[ground]",
         "[plan]\nintervals = 50.0\n[ground]",
         r"\[plan\] intervals: must be a whole number, not 50.0",
     ),
-    "value for table": ("[ground]\nroll_deg = -20.0", "[[ground]]", r"ground: must be a table, not \[\{\}\]"),
-    "wrong length": ("-90.0]\ngoal", "]\ngoal", r"start_deg: needs 5 numbers \(slew, boom, stick, tilt, head\), not 4"),
+    "value for table": (
+        "[ground]\nroll_deg = -20.0",
+        "[[ground]]",
+        r"ground: must be a table, not \[\{\}\]",
+    ),
+    "wrong length": (
+        "-90.0]\ngoal",
+        "]\ngoal",
+        r"start_deg: needs 5 numbers \(slew, boom, stick, tilt, head\), not 4",
+    ),
     "short point": (
         "[ground]",
         '[machine.payload]\nmass = 1\ncom = [0, 1]\nframe = "head"\n[ground]',
@@ -223,9 +271,12 @@ def test_degrees_of_a_sliding_joint_are_refused(slider: Path) -> None:
         load_scenario(written(slider, SLIDER_SCENARIO.replace("start =", "start_deg =")))
 
 
-def test_a_scenario_that_does_not_exist_brings_the_list_and_the_nearest_name(tmp_path: Path) -> None:
+def test_a_scenario_that_does_not_exist_brings_the_list_and_the_nearest_name(
+    tmp_path: Path,
+) -> None:
     with pytest.raises(
-        ScenarioError, match=r"papr_1: no such scenario \(did you mean paper_1\?\).* paper_1, paper_1_rigid"
+        ScenarioError,
+        match=r"papr_1: no such scenario \(did you mean paper_1\?\).* paper_1, paper_1_rigid",
     ):
         load_scenario("papr_1")
     with pytest.raises(ScenarioError, match="cannot be read"):

@@ -21,7 +21,9 @@ def parse(name):
 
 
 def vector(element, key, default="0 0 0"):
-    return np.array([float(x) for x in (default if element is None else element.get(key, default)).split()])
+    return np.array(
+        [float(x) for x in (default if element is None else element.get(key, default)).split()]
+    )
 
 
 INERTIALS = [
@@ -34,7 +36,9 @@ INERTIALS = [
 
 def tensor(inertial):
     entry = inertial.find("inertia")
-    xx, xy, xz, yy, yz, zz = (float(entry.get(key)) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
+    xx, xy, xz, yy, yz, zz = (
+        float(entry.get(key)) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    )
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
@@ -56,7 +60,9 @@ def solid_inertia(mass, description):
 def test_inertias_are_those_of_the_stated_solids(inertial):
     (solid,) = (child.text for child in inertial if child.tag is ET.Comment)
     mass = float(inertial.find("mass").get("value"))
-    np.testing.assert_allclose(tensor(inertial), np.diag(solid_inertia(mass, solid)), rtol=0, atol=ROUNDING)
+    np.testing.assert_allclose(
+        tensor(inertial), np.diag(solid_inertia(mass, solid)), rtol=0, atol=ROUNDING
+    )
 
 
 @pytest.mark.parametrize("inertial", INERTIALS)
@@ -75,12 +81,15 @@ def zmp_of_one_joint(name, q, v, a):
     configuration = pin.neutral(model)
     configuration[7] = q
     still = np.zeros(6)
-    wrench = pin.rnea(model, model.createData(), configuration, np.append(still, v), np.append(still, a))[:6]
+    wrench = pin.rnea(
+        model, model.createData(), configuration, np.append(still, v), np.append(still, a)
+    )[:6]
     return np.array([-wrench[4], wrench[3]]) / wrench[2]
 
 
 def test_masses_and_centres_of_mass_are_those_of_the_table():
-    table = {  # Song & Sharf 2020, Table I [kg]; centre of mass in the link's frame, urdf/README.md [m]
+    # Song & Sharf 2020, Table I [kg]; centre of mass in the link's frame, urdf/README.md [m]
+    table = {
         "root_joint": (13000.0, (0, 0, 0.80)),
         "slew": (5000.0, (0, 0, 0.48)),
         "boom": (2000.0, (0, 0, 1.635)),
@@ -90,7 +99,9 @@ def test_masses_and_centres_of_mass_are_those_of_the_table():
     }
     model = build("feller_buncher")
     bodies = {
-        name: (i.mass, i.lever) for name, i in zip(model.names, model.inertias, strict=True) if name != "universe"
+        name: (i.mass, i.lever)
+        for name, i in zip(model.names, model.inertias, strict=True)
+        if name != "universe"
     }
     assert list(bodies) == list(table)
     for name, (mass, centre) in table.items():
@@ -101,7 +112,9 @@ def test_masses_and_centres_of_mass_are_those_of_the_table():
 
 def test_link_lengths_are_those_of_the_table():
     model = build("feller_buncher")
-    placement = {name: model.jointPlacements[model.getJointId(name)].translation for name in model.names[2:]}
+    placement = {
+        name: model.jointPlacements[model.getJointId(name)].translation for name in model.names[2:]
+    }
     expected = {"slew": 1.60, "boom": 0.96, "stick": 3.27, "tilt": 3.27, "head": 0.458}
     for name, height in expected.items():
         np.testing.assert_allclose(placement[name], (0, 0, height), atol=1e-12)
@@ -112,12 +125,18 @@ def test_the_head_axis_points_up_when_the_tilt_link_is_level():
     data, q = model.createData(), pin.neutral(model)
     q[7:] = [0.3, -math.pi / 6, -2 * math.pi / 3, math.pi / 3, 0.7]  # boom + stick + tilt = -pi/2
     pin.forwardKinematics(model, data, q)
-    np.testing.assert_allclose(data.oMi[model.getJointId("head")].rotation[:, 2], (0, 0, 1), atol=1e-12)
+    np.testing.assert_allclose(
+        data.oMi[model.getJointId("head")].rotation[:, 2], (0, 0, 1), atol=1e-12
+    )
 
 
 def test_limits_are_those_of_section_v():
-    joints = [joint for joint in parse("feller_buncher").iter("joint") if joint.get("type") == "revolute"]
-    accelerations = yaml.safe_load((URDF / "feller_buncher.joint_limits.yaml").read_text())["joint_limits"]
+    joints = [
+        joint for joint in parse("feller_buncher").iter("joint") if joint.get("type") == "revolute"
+    ]
+    accelerations = yaml.safe_load((URDF / "feller_buncher.joint_limits.yaml").read_text())[
+        "joint_limits"
+    ]
     assert [joint.get("name") for joint in joints] == list(accelerations)
     for joint in joints:
         assert float(joint.find("limit").get("velocity")) == math.pi / 4
@@ -128,9 +147,15 @@ def test_the_tracks_stand_on_the_ground_and_span_the_support_rectangle():
     root = parse("feller_buncher")
     corners = []
     for side in ("left_track", "right_track"):
-        (box,) = (link.find("collision/geometry/box") for link in root.iter("link") if link.get("name") == side)
+        (box,) = (
+            link.find("collision/geometry/box")
+            for link in root.iter("link")
+            if link.get("name") == side
+        )
         (mount,) = (
-            j for j in root.iter("joint") if j.find("child") is not None and j.find("child").get("link") == side
+            j
+            for j in root.iter("joint")
+            if j.find("child") is not None and j.find("child").get("link") == side
         )
         centre, half = vector(mount.find("origin"), "xyz"), vector(box, "size") / 2
         corners += [centre - half, centre + half]
@@ -144,7 +169,9 @@ def test_the_slider_moves_the_zmp_as_its_closed_form_says(x, acceleration):
     model = build("slider")
     gravity = -model.gravity.linear[2]
     expected = 1000 / 1100 * (x - 2.0 / gravity * acceleration)
-    np.testing.assert_allclose(zmp_of_one_joint("slider", x, 0.2, acceleration), (expected, 0.0), atol=1e-12)
+    np.testing.assert_allclose(
+        zmp_of_one_joint("slider", x, 0.2, acceleration), (expected, 0.0), atol=1e-12
+    )
 
 
 @pytest.mark.parametrize(("rate", "acceleration"), [(0.0, 0.0), (0.5, 0.0), (0.4, -1.2)])
@@ -157,7 +184,9 @@ def test_the_slewing_crane_moves_the_zmp_as_its_quadrature_says(rate, accelerati
 
 
 @pytest.mark.physics
-@pytest.mark.parametrize(("name", "mass"), [("feller_buncher", 23650.0), ("slider", 1100.0), ("slewing_crane", 2000.0)])
+@pytest.mark.parametrize(
+    ("name", "mass"), [("feller_buncher", 23650.0), ("slider", 1100.0), ("slewing_crane", 2000.0)]
+)
 def test_mujoco_sees_the_same_mass(name, mass):
     mujoco = pytest.importorskip("mujoco")
     text = (URDF / f"{name}.urdf").read_text()

@@ -40,12 +40,17 @@ def frozen_array(
     """
     try:
         kind = np.asarray(values).dtype.kind
-        if kind not in "iufO" or np.ma.is_masked(values):  # NumPy would read booleans, texts, dates, what lies masked
+        # NumPy would read booleans, texts, dates, what lies masked
+        if kind not in "iufO" or np.ma.is_masked(values):
             raise error(f"{name} must be numbers of shape {_spell(shape)}, not {shortened(values)}")
         array = np.array(values, dtype=np.float64, order="C")
     except (TypeError, ValueError, OverflowError) as cause:
-        raise error(f"{name} must be numbers of shape {_spell(shape)}: {' '.join(str(cause).split())}") from None
-    if array.ndim != len(shape) or any(want not in (None, have) for want, have in zip(shape, array.shape, strict=True)):
+        raise error(
+            f"{name} must be numbers of shape {_spell(shape)}: {' '.join(str(cause).split())}"
+        ) from None
+    if array.ndim != len(shape) or any(
+        want not in (None, have) for want, have in zip(shape, array.shape, strict=True)
+    ):
         raise error(f"{name} must have shape {_spell(shape)}, not {array.shape}")
     if finite and not np.isfinite(array).all():
         where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
@@ -59,7 +64,8 @@ def finite_number(value: Any, *, name: str, error: type[ZmpSqpError]) -> float:
     """`value` as a float; anything that is not one finite number raises `error` with `name` in the message."""
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
-    if not isinstance(value, Real) or isinstance(value, bool | np.bool_):  # float would read texts as numbers
+    # float would read texts as numbers
+    if not isinstance(value, Real) or isinstance(value, bool | np.bool_):
         raise error(f"{name} must be a number, not {shortened(value)}")
     try:
         number = float(value)

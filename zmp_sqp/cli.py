@@ -15,20 +15,21 @@ from typing import Any
 import numpy as np
 
 from zmp_sqp import __version__
-from zmp_sqp.check_command import add_check
+from zmp_sqp.commands.check import add_check
+from zmp_sqp.commands.paper import PAPER_FILES, PAPER_KEYS, run_paper
+from zmp_sqp.commands.replay import add_replay
 from zmp_sqp.errors import ZmpSqpError
-from zmp_sqp.paper_command import PAPER_FILES, PAPER_KEYS, run_paper
 from zmp_sqp.planning import Plan, Problem, Trajectory, diagnose, phase_plane, plan
-from zmp_sqp.plots import joint_unit, plot_joints, plot_zmp
-from zmp_sqp.replay_command import add_replay
-from zmp_sqp.report import RESULT_KEYS, history_table, joint_table, make_result, summary_table
 from zmp_sqp.scenario import load_scenario, shipped_scenarios
+from zmp_sqp.show.plots import joint_unit, plot_joints, plot_zmp
+from zmp_sqp.show.report import RESULT_KEYS, history_table, joint_table, make_result, summary_table
 
 __all__ = ["main"]
 
 DONE, UNSAFE, BAD_INPUT, INTERRUPTED, BROKEN_PIPE = 0, 1, 2, 130, 141
 PLANNERS = {"full": "full model"}  # what figures call a motion by its model
-FILES = ("plan.json", "trajectory.csv", "trajectory.json", "zmp.png", "joints.png")  # what `--out` writes
+# what `--out` writes
+FILES = ("plan.json", "trajectory.csv", "trajectory.json", "zmp.png", "joints.png")
 
 EXIT_CODES = """\
 exit codes:
@@ -70,7 +71,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """
     arguments = _parser().parse_args(argv)
     if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="backslashreplace")  # a title need not be in the terminal's alphabet
+        # a title need not be in the terminal's alphabet
+        sys.stdout.reconfigure(errors="backslashreplace")
     try:
         code: int = arguments.run(arguments)
         sys.stdout.flush()
@@ -78,7 +80,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         return INTERRUPTED
     except (BrokenPipeError, SystemExit):  # `| head` has read enough; rich makes a SystemExit of it
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # the interpreter flushes once more at its exit
+        # the interpreter flushes once more at its exit
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return BROKEN_PIPE
     except ZmpSqpError as error:
         complaint = str(error)
@@ -116,19 +119,37 @@ def _parser() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     command.set_defaults(run=_plan)
-    command.add_argument("scenario", metavar="SCENARIO", help="a scenario file (TOML), or the name of a shipped one")
-    command.add_argument("--out", type=Path, metavar="DIR", help=f"write {', '.join(FILES)}, in place of old ones")
     command.add_argument(
-        "--json", metavar="FILE", help="write the results; - is standard output, with nothing else there"
+        "scenario", metavar="SCENARIO", help="a scenario file (TOML), or the name of a shipped one"
     )
-    command.add_argument("--qp-solver", metavar="NAME", help="proxqp, piqp or qpsolvers:NAME (default: the scenario's)")
-    command.add_argument("--intervals", type=int, metavar="N", help="of the time grid (default: the scenario's)")
-    command.add_argument("--margin", type=float, metavar="M", help="[m] from ZMP to edges (default: the scenario's)")
-    command.add_argument("--no-figures", dest="figures", action="store_false", help="write no figures")
     command.add_argument(
-        "--no-diagnosis", dest="diagnosis", action="store_false",
+        "--out", type=Path, metavar="DIR", help=f"write {', '.join(FILES)}, in place of old ones"
+    )
+    command.add_argument(
+        "--json",
+        metavar="FILE",
+        help="write the results; - is standard output, with nothing else there",
+    )
+    command.add_argument(
+        "--qp-solver",
+        metavar="NAME",
+        help="proxqp, piqp or qpsolvers:NAME (default: the scenario's)",
+    )
+    command.add_argument(
+        "--intervals", type=int, metavar="N", help="of the time grid (default: the scenario's)"
+    )
+    command.add_argument(
+        "--margin", type=float, metavar="M", help="[m] from ZMP to edges (default: the scenario's)"
+    )
+    command.add_argument(
+        "--no-figures", dest="figures", action="store_false", help="write no figures"
+    )
+    command.add_argument(
+        "--no-diagnosis",
+        dest="diagnosis",
+        action="store_false",
         help="where no motion is found, do not look for a payload or a slope that would do",
-    )  # fmt: skip
+    )
     command.add_argument("--verbose", action="store_true", help="print every iteration of the SQP")
     _add_paper(commands)
     add_check(commands, EXIT_CODES)
@@ -155,17 +176,32 @@ def _add_paper(commands: Any) -> None:
     )
     command.set_defaults(run=_paper)
     command.add_argument(
-        "--out", type=Path, metavar="DIR", help=f"write {', '.join(PAPER_FILES)}, in place of old ones"
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help=f"write {', '.join(PAPER_FILES)}, in place of old ones",
     )
     command.add_argument(
-        "--json", metavar="FILE", help="write the results; - is standard output, with nothing else there"
+        "--json",
+        metavar="FILE",
+        help="write the results; - is standard output, with nothing else there",
     )
-    command.add_argument("--qp-solver", default="proxqp", metavar="NAME", help="of the tests (default: proxqp)")
     command.add_argument(
-        "--repeats", type=_count, default=5, metavar="K", help="plans per time (default: 5, the median)"
+        "--qp-solver", default="proxqp", metavar="NAME", help="of the tests (default: proxqp)"
     )
-    command.add_argument("--no-ladder", dest="ladder", action="store_false", help="leave the ladder out")
-    command.add_argument("--no-figures", dest="figures", action="store_false", help="write no figures")
+    command.add_argument(
+        "--repeats",
+        type=_count,
+        default=5,
+        metavar="K",
+        help="plans per time (default: 5, the median)",
+    )
+    command.add_argument(
+        "--no-ladder", dest="ladder", action="store_false", help="leave the ladder out"
+    )
+    command.add_argument(
+        "--no-figures", dest="figures", action="store_false", help="write no figures"
+    )
 
 
 def _count(text: str) -> int:
@@ -176,32 +212,43 @@ def _count(text: str) -> int:
 
 def _paper(arguments: argparse.Namespace) -> int:
     safe = run_paper(
-        out=arguments.out, json_file=arguments.json, with_ladder=arguments.ladder, figures=arguments.figures,
-        qp_solver=arguments.qp_solver, repeats=arguments.repeats,
-    )  # fmt: skip
+        out=arguments.out,
+        json_file=arguments.json,
+        with_ladder=arguments.ladder,
+        figures=arguments.figures,
+        qp_solver=arguments.qp_solver,
+        repeats=arguments.repeats,
+    )
     return DONE if safe else UNSAFE
 
 
-# --- zmp-sqp plan -----------------------------------------------------------------------------------------------------
+# --- zmp-sqp plan
+# -----------------------------------------------------------------------------------------------------
 
 
 def _plan(arguments: argparse.Namespace) -> int:
     from rich.console import Console
 
     scenario = load_scenario(arguments.scenario)
-    overrides = {key: value for key in ("intervals", "margin") if (value := getattr(arguments, key)) is not None}
+    overrides = {
+        key: value
+        for key in ("intervals", "margin")
+        if (value := getattr(arguments, key)) is not None
+    }
     problem = replace(scenario.problem, **overrides)
     qp_solver = arguments.qp_solver or scenario.qp_solver
     if arguments.out is not None:
         arguments.out.mkdir(parents=True, exist_ok=True)  # fails before the work, not after it
-        for name in FILES:  # nobody shall take the motion of an earlier run for that of a failed one
+        # nobody shall take the motion of an earlier run for that of a failed one
+        for name in FILES:
             (arguments.out / name).unlink(missing_ok=True)
 
     found = plan(problem, qp_solver=qp_solver)
     baseline = _baseline(problem)
     result = make_result(scenario, found, baseline, qp_solver)
 
-    console = Console(stderr=arguments.json == "-", highlight=False, markup=False)  # [m] is a unit, no markup
+    # [m] is a unit, no markup
+    console = Console(stderr=arguments.json == "-", highlight=False, markup=False)
     console.print(f"{scenario.name}: {scenario.title}", style="bold", soft_wrap=True)
     if arguments.verbose:
         console.print(history_table(found))
@@ -211,7 +258,10 @@ def _plan(arguments: argparse.Namespace) -> int:
     if not found.success and arguments.diagnosis:
         with console.status("looking for what would be possible ...") as status:
             said = diagnose(found, progress=lambda words: status.update(f"trying {words} ..."))
-        result["diagnosis"] = {"largest_payload": said.largest_payload, "steepest_slope": said.steepest_slope}
+        result["diagnosis"] = {
+            "largest_payload": said.largest_payload,
+            "steepest_slope": said.steepest_slope,
+        }
         result["message"] = said.message
     console.print(result["message"], style=None if found.success else "bold red", soft_wrap=True)
     if arguments.out is not None:
@@ -233,7 +283,12 @@ def _baseline(problem: Problem) -> Trajectory | None:
 
 
 def _write(
-    folder: Path, found: Plan, baseline: Trajectory | None, result: Mapping[str, Any], *, figures: bool
+    folder: Path,
+    found: Plan,
+    baseline: Trajectory | None,
+    result: Mapping[str, Any],
+    *,
+    figures: bool,
 ) -> Iterator[str]:
     """Write the files of `--out` one by one; yields a line about each."""
     (folder / "plan.json").write_text(_dump(result), encoding="utf-8")
@@ -252,7 +307,13 @@ def _write(
         plot_zmp(found.problem, loci | {planner: found.trajectory}, folder / "zmp.png")
         yield f"wrote {folder / 'zmp.png'}"
         given = found.problem
-        plot_joints(given.machine, found.trajectory, folder / "joints.png", base=given.base, ground=given.ground)
+        plot_joints(
+            given.machine,
+            found.trajectory,
+            folder / "joints.png",
+            base=given.base,
+            ground=given.ground,
+        )
         yield f"wrote {folder / 'joints.png'}"
     except ModuleNotFoundError as missing:
         if missing.name is None or missing.name.partition(".")[0] != "matplotlib":

@@ -15,7 +15,15 @@ import numpy as np
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.errors import ScenarioError, ZmpSqpError
-from zmp_sqp.mechanics import Heightmap, Machine, Payload, Slope, SupportPolygon, load_machine, shipped_machines
+from zmp_sqp.mechanics import (
+    Heightmap,
+    Machine,
+    Payload,
+    Slope,
+    SupportPolygon,
+    load_machine,
+    shipped_machines,
+)
 from zmp_sqp.planning import Problem, UnicycleBase
 
 __all__ = ["Scenario", "load_scenario", "shipped_scenarios", "sliding_joints"]
@@ -51,7 +59,8 @@ def shipped_scenarios() -> tuple[str, ...]:
 def load_scenario(name_or_path: str | Path) -> Scenario:
     """Read a scenario: the name of a shipped one, or the path of a TOML file.
 
-    Files named in it are relative to it. `zmp_sqp/scenarios/paper_1.toml` shows the tables with their units.
+    Files named in it are relative to it. `zmp_sqp/scenarios/paper_1.toml` shows the tables with
+    their units.
 
     Args:
         name_or_path: A name of `shipped_scenarios`, or a path.
@@ -60,8 +69,9 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
         The scenario with its checked problem.
 
     Raises:
-        ScenarioError: No such scenario, no TOML, a key that is unknown, missing or of the wrong type, or a machine
-            or problem that the library refuses. The message names file, table, key and value.
+        ScenarioError: No such scenario, no TOML, a key that is unknown, missing or of the wrong
+            type, or a machine or problem that the library refuses. The message names file, table,
+            key and value.
     """
     path = _find(name_or_path)
     try:
@@ -81,7 +91,11 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
 
 def sliding_joints(machine: Machine) -> tuple[str, ...]:
     """The joints whose coordinates are lengths, not angles."""
-    return tuple(name for name, unit in zip(machine.joint_names, machine.joint_units, strict=True) if unit == "m")
+    return tuple(
+        name
+        for name, unit in zip(machine.joint_names, machine.joint_units, strict=True)
+        if unit == "m"
+    )
 
 
 def _find(name_or_path: str | Path) -> Path:
@@ -91,7 +105,9 @@ def _find(name_or_path: str | Path) -> Path:
     path = Path(name_or_path)
     if not path.exists():
         hint = _did_you_mean(path.name, names)
-        raise ScenarioError(f"{path}: no such scenario{hint}; it is the path of a file, or one of {', '.join(names)}")
+        raise ScenarioError(
+            f"{path}: no such scenario{hint}; it is the path of a file, or one of {', '.join(names)}"
+        )
     return path
 
 
@@ -118,7 +134,9 @@ def _read_problem(content: Mapping[str, Any], folder: Path) -> Problem:
 
 def _read_ground(table: Mapping[str, Any], folder: Path) -> Slope | Heightmap:
     if "heightmap" not in table:
-        return Slope(**{key.removesuffix("_deg"): np.deg2rad(angle) for key, angle in table.items()})
+        return Slope(
+            **{key.removesuffix("_deg"): np.deg2rad(angle) for key, angle in table.items()}
+        )
     options = dict(table["heightmap"])
     return Heightmap.from_file(folder / options.pop("file"), **options)
 
@@ -133,7 +151,9 @@ def _read_machine(table: Mapping[str, Any], folder: Path) -> Machine:
         options["limits"] = folder / table["joint_limits"]
     machine = load_machine(table["name"] if "name" in table else folder / table["urdf"], **options)
     if "limits" in table:
-        machine = replace(machine, limits=machine.limits.updated(table["limits"], machine.joint_names))
+        machine = replace(
+            machine, limits=machine.limits.updated(table["limits"], machine.joint_names)
+        )
     if "payload" in table:
         machine = machine.with_payload(Payload(**table["payload"]))
     return machine.with_point_masses() if table.get("point_masses", False) else machine
@@ -161,11 +181,14 @@ def _read_joints(motion: Mapping[str, Any], key: str, machine: Machine) -> Array
     if found == key:
         return np.array(values, dtype=np.float64)
     for name in sliding_joints(machine):
-        raise ScenarioError(f"[motion] {found}: joint {name!r} slides; give {key} in radians and metres")
+        raise ScenarioError(
+            f"[motion] {found}: joint {name!r} slides; give {key} in radians and metres"
+        )
     return np.asarray(np.deg2rad(values))
 
 
-# --- what a file may hold ---------------------------------------------------------------------------------------------
+# --- what a file may hold
+# ---------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,12 +223,16 @@ def _is_limit(value: Any) -> bool:
 
 
 NUMBER = _Value("a finite number", _is_number)
-NUMBERS = _Value("a list of finite numbers, one per joint", lambda value: _is_list(value, _is_number))
+NUMBERS = _Value(
+    "a list of finite numbers, one per joint", lambda value: _is_list(value, _is_number)
+)
 INTEGER = _Value("a whole number", lambda value: type(value) is int)
 TEXT = _Value("a string in quotes", lambda value: isinstance(value, str))
 TEXTS = _Value("a list of strings", lambda value: _is_list(value, TEXT.accepts))
 FLAG = _Value("true or false", lambda value: isinstance(value, bool))
-LIMIT = _Value("a finite number, a list of them with one per joint, or a table { joint = number }", _is_limit)
+LIMIT = _Value(
+    "a finite number, a list of them with one per joint, or a table { joint = number }", _is_limit
+)
 POINT = _Value("3 finite numbers [x, y, z]", lambda value: _is_list(value, _is_number, 3))
 MATRIX = _Value("3 rows of 3 finite numbers", lambda value: _is_list(value, POINT.accepts, 3))
 POINTS = _Value(
@@ -214,8 +241,13 @@ POINTS = _Value(
 )
 
 SUPPORT = _Schema({"vertices": POINTS, "height": NUMBER}, required=("vertices",))
-LIMITS = _Schema(dict.fromkeys(("position_lower", "position_upper", "velocity", "acceleration", "effort"), LIMIT))
-PAYLOAD = _Schema({"mass": NUMBER, "com": POINT, "frame": TEXT, "inertia": MATRIX}, required=("mass", "com", "frame"))
+LIMITS = _Schema(
+    dict.fromkeys(("position_lower", "position_upper", "velocity", "acceleration", "effort"), LIMIT)
+)
+PAYLOAD = _Schema(
+    {"mass": NUMBER, "com": POINT, "frame": TEXT, "inertia": MATRIX},
+    required=("mass", "com", "frame"),
+)
 MACHINE = _Schema(
     {
         "name": TEXT,  # of a machine that travels with the library
@@ -231,7 +263,9 @@ MACHINE = _Schema(
     at_most_one_of=(("support", "contact_links"),),
 )
 PAIR = _Value("2 finite numbers", lambda value: _is_list(value, _is_number, 2))
-HEIGHTMAP = _Schema({"file": TEXT, "resolution": NUMBER, "origin": PAIR}, required=("file", "resolution"))
+HEIGHTMAP = _Schema(
+    {"file": TEXT, "resolution": NUMBER, "origin": PAIR}, required=("file", "resolution")
+)
 GROUND = _Schema(
     {"roll_deg": NUMBER, "pitch_deg": NUMBER, "heightmap": HEIGHTMAP},
     at_most_one_of=(("roll_deg", "heightmap"), ("pitch_deg", "heightmap")),
@@ -239,7 +273,10 @@ GROUND = _Schema(
 MOTION = _Schema(
     {f"{key}{unit}": NUMBERS for key in MOTIONS for unit in ("", "_deg")},
     one_of=(("start", "start_deg"), ("goal", "goal_deg")),
-    at_most_one_of=(("start_velocity", "start_velocity_deg"), ("goal_velocity", "goal_velocity_deg")),
+    at_most_one_of=(
+        ("start_velocity", "start_velocity_deg"),
+        ("goal_velocity", "goal_velocity_deg"),
+    ),
 )
 POSE = _Value("3 finite numbers [x, y, yaw], in metres and radians", POINT.accepts)
 BASE_LIMITS = ("max_speed", "max_acceleration", "max_yaw_rate", "max_yaw_acceleration")
@@ -250,13 +287,29 @@ BASE = _Schema(
     required=("start", "goal", *BASE_LIMITS),
 )
 UNCERTAINTIES = ("tipping_fraction", "payload_uncertainty", "slope_uncertainty_deg")
-SIDES = _Value("a finite number or 3 of them [x, y, z]", lambda value: _is_number(value) or POINT.accepts(value))
+SIDES = _Value(
+    "a finite number or 3 of them [x, y, z]",
+    lambda value: _is_number(value) or POINT.accepts(value),
+)
 PLAN = _Schema(
-    {"model": TEXT, "intervals": INTEGER, "margin": NUMBER, "qp_solver": TEXT, "payload_com_uncertainty": SIDES}
+    {
+        "model": TEXT,
+        "intervals": INTEGER,
+        "margin": NUMBER,
+        "qp_solver": TEXT,
+        "payload_com_uncertainty": SIDES,
+    }
     | dict.fromkeys(UNCERTAINTIES, NUMBER)
 )
 SCHEMA = _Schema(
-    {"title": TEXT, "machine": MACHINE, "ground": GROUND, "motion": MOTION, "base": BASE, "plan": PLAN},
+    {
+        "title": TEXT,
+        "machine": MACHINE,
+        "ground": GROUND,
+        "motion": MOTION,
+        "base": BASE,
+        "plan": PLAN,
+    },
     required=("machine", "motion"),
 )
 
@@ -267,7 +320,9 @@ def _check(content: Mapping[str, Any], schema: _Schema, *, table: str) -> None:
     for key, value in content.items():
         if key not in schema.keys:
             hint = _did_you_mean(key, schema.keys)
-            raise ScenarioError(f"{where}{key}: unknown key{hint}; allowed are {', '.join(schema.keys)}")
+            raise ScenarioError(
+                f"{where}{key}: unknown key{hint}; allowed are {', '.join(schema.keys)}"
+            )
         allowed = schema.keys[key]
         if isinstance(allowed, _Value):
             if not allowed.accepts(value):
@@ -282,13 +337,21 @@ def _check(content: Mapping[str, Any], schema: _Schema, *, table: str) -> None:
     for group in schema.one_of + schema.at_most_one_of:
         given = [key for key in group if key in content]
         if len(given) > 1:
-            raise ScenarioError(f"{where}{' and '.join(given)} exclude each other: give one of them")
+            raise ScenarioError(
+                f"{where}{' and '.join(given)} exclude each other: give one of them"
+            )
         if not given and group in schema.one_of:
-            raise ScenarioError(f"{where}{' or '.join(group)}: missing; it must be {_spell(schema.keys[group[0]])}")
+            raise ScenarioError(
+                f"{where}{' or '.join(group)}: missing; it must be {_spell(schema.keys[group[0]])}"
+            )
 
 
 def _spell(allowed: _Value | _Schema) -> str:
-    return allowed.what if isinstance(allowed, _Value) else f"a table with the keys {', '.join(allowed.keys)}"
+    return (
+        allowed.what
+        if isinstance(allowed, _Value)
+        else f"a table with the keys {', '.join(allowed.keys)}"
+    )
 
 
 def _did_you_mean(key: str, names: Iterable[str]) -> str:

@@ -7,16 +7,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from zmp_sqp.mechanics.heightmap import Heightmap
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.payload import Payload
-from zmp_sqp.mechanics.urdf import load_machine
+from zmp_sqp.mechanics.terrain.heightmap import Heightmap
+from zmp_sqp.mechanics.urdf.loader import load_machine
 
 TREE_COM = (0.0, 0.0, 3.323)  # [m] in the head's frame, paper.md
 STEM = 4000.0 * 8.0**2 / 12.0  # [kg m^2] uniform stem about its transverse axes, paper.md
 
-# Pinocchio sorts siblings by name, so 'a_turn' overtakes 'z_slide' and everything under it. The axes are oblique, one
-# joint is continuous (nq 2), one prismatic, and a tool of its own mass is fixed to the last link.
+# Pinocchio sorts siblings by name, so 'a_turn' overtakes 'z_slide' and everything under it. The
+# axes are oblique, one joint is continuous (nq 2), one prismatic, and a tool of its own mass is
+# fixed to the last link.
 PERMUTED = """<robot name="permuted">
   <link name="base"><inertial><origin xyz="0.1 -0.2 0.3"/><mass value="300"/>
     <inertia ixx="20" ixy="1" ixz="0" iyy="25" iyz="0" izz="30"/></inertial>
@@ -50,7 +51,9 @@ def feller_buncher() -> Machine:
 @pytest.fixture(scope="session")
 def loaded(feller_buncher: Machine) -> Machine:
     """The paper's machine and tree, rigid bodies."""
-    return feller_buncher.with_payload(Payload(4000.0, TREE_COM, "head", np.diag([STEM, STEM, 0.0])))
+    return feller_buncher.with_payload(
+        Payload(4000.0, TREE_COM, "head", np.diag([STEM, STEM, 0.0]))
+    )
 
 
 @pytest.fixture(scope="session")
@@ -66,11 +69,17 @@ def permuted(tmp_path_factory: pytest.TempPathFactory) -> Machine:
     return load_machine(path)
 
 
-def random_motion(machine: Machine, count: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def random_motion(
+    machine: Machine, count: int, seed: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Positions, rates and accelerations within the paper's limits, shape (count, n) each."""
     random = np.random.default_rng(seed)
     size = (count, machine.size)
-    return random.uniform(-2.5, 2.5, size), random.uniform(-0.8, 0.8, size), random.uniform(-1.6, 1.6, size)
+    return (
+        random.uniform(-2.5, 2.5, size),
+        random.uniform(-0.8, 0.8, size),
+        random.uniform(-1.6, 1.6, size),
+    )
 
 
 # --- terrain -----------------------------------------------------------------------------------
@@ -84,7 +93,9 @@ MAP_ORIGIN = (float(MAP_X[0]), float(MAP_Y[0]))
 def rolling() -> Heightmap:
     """A side slope with waves of about 16 by 21 m."""
     x, y = MAP_X[None, :], MAP_Y[:, None]
-    return Heightmap(0.3 * np.sin(0.4 * x) * np.cos(0.3 * y) + 0.15 * x - 0.3 * y, RESOLUTION, MAP_ORIGIN)
+    return Heightmap(
+        0.3 * np.sin(0.4 * x) * np.cos(0.3 * y) + 0.15 * x - 0.3 * y, RESOLUTION, MAP_ORIGIN
+    )
 
 
 def random_drive(count: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

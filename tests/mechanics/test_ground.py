@@ -14,7 +14,11 @@ EXACT = 1e-14  # [m/s^2], closed form against matrices
 @pytest.mark.parametrize("yaw", [0.0, 0.9, -2.0])
 def test_gravity_is_that_of_the_rotation_matrices(yaw: float) -> None:
     slope = Slope(roll=-0.35, pitch=0.26)
-    lean = pin.utils.rotate("y", slope.pitch) @ pin.utils.rotate("x", slope.roll) @ pin.utils.rotate("z", yaw)
+    lean = (
+        pin.utils.rotate("y", slope.pitch)
+        @ pin.utils.rotate("x", slope.roll)
+        @ pin.utils.rotate("z", yaw)
+    )
     np.testing.assert_allclose(slope.gravity(yaw), lean.T @ [0.0, 0.0, -GRAVITY], atol=10 * EXACT)
 
 
@@ -45,14 +49,18 @@ def test_a_base_at_rest_feels_gravity_alone(slope: Slope) -> None:
     pose, zero = np.array([[3.0, -2.0, 0.9], [0.0, 0.0, -2.0]]), np.zeros((2, 2))
     motion = slope.base_motion(pose, zero, zero, 4.0)
     np.testing.assert_allclose(motion.velocity, 0.0)
-    np.testing.assert_allclose(motion.acceleration[:, :3], [-4.0 * slope.gravity(yaw) for yaw in pose[:, 2]])
+    np.testing.assert_allclose(
+        motion.acceleration[:, :3], [-4.0 * slope.gravity(yaw) for yaw in pose[:, 2]]
+    )
     np.testing.assert_allclose(motion.acceleration[:, 3:], 0.0)
 
 
 def test_driving_a_bend_adds_no_speed_times_yaw_rate() -> None:
     motion = Slope().base_motion(np.zeros((1, 3)), np.array([[2.0, 0.5]]), np.array([[0.3, -0.1]]))
     np.testing.assert_allclose(motion.velocity, [[2.0, 0.0, 0.0, 0.0, 0.0, 0.5]])
-    np.testing.assert_allclose(motion.acceleration, [[0.3, 0.0, GRAVITY, 0.0, 0.0, -0.1]], atol=EXACT)
+    np.testing.assert_allclose(
+        motion.acceleration, [[0.3, 0.0, GRAVITY, 0.0, 0.0, -0.1]], atol=EXACT
+    )
 
 
 def test_a_plane_goes_on_for_ever_and_tracks_follow_it() -> None:

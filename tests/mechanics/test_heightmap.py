@@ -10,9 +10,9 @@ from scipy.interpolate import RectBivariateSpline
 from tests.mechanics.conftest import MAP_ORIGIN, MAP_X, MAP_Y, RESOLUTION, random_drive
 from zmp_sqp.errors import MachineError, ProblemError
 from zmp_sqp.mechanics.ground import Ground
-from zmp_sqp.mechanics.heightmap import Heightmap
 from zmp_sqp.mechanics.machine import Machine
-from zmp_sqp.mechanics.spline_surface import SplineSurface
+from zmp_sqp.mechanics.terrain.heightmap import Heightmap
+from zmp_sqp.mechanics.terrain.spline_surface import SplineSurface
 
 COUNT = 40
 
@@ -33,7 +33,9 @@ def test_the_spline_and_all_its_derivatives_are_those_of_scipy() -> None:
     oracle = RectBivariateSpline(x, y, heights.T, kx=5, ky=5, s=0.0)
     for i, j in np.ndindex(5, 5):
         expected = oracle.ev(at_x, at_y, dx=i, dy=j)
-        np.testing.assert_allclose(derivatives[:, i, j], expected, rtol=0.0, atol=1e-11 * np.abs(expected).max())
+        np.testing.assert_allclose(
+            derivatives[:, i, j], expected, rtol=0.0, atol=1e-11 * np.abs(expected).max()
+        )
 
 
 def test_acceleration_is_smooth_across_the_samples() -> None:
@@ -44,7 +46,9 @@ def test_acceleration_is_smooth_across_the_samples() -> None:
         pose = np.array([[5.0 + offset, 4.3, 0.4], [5.6, 6.0 + offset, -1.0]])
         motions.append(rough.base_motion(pose, np.ones((2, 2)), np.ones((2, 2))))
     for name in motions[0].__dataclass_fields__:
-        np.testing.assert_allclose(getattr(motions[0], name), getattr(motions[1], name), atol=1e-6, err_msg=name)
+        np.testing.assert_allclose(
+            getattr(motions[0], name), getattr(motions[1], name), atol=1e-6, err_msg=name
+        )
 
 
 def test_heights_come_back_from_files(tmp_path: Path, rolling: Heightmap) -> None:
@@ -57,7 +61,9 @@ def test_heights_come_back_from_files(tmp_path: Path, rolling: Heightmap) -> Non
         Heightmap.from_csv(str(tmp_path / "map.csv"), RESOLUTION, MAP_ORIGIN),
         pickle.loads(pickle.dumps(rolling)),
     ):
-        np.testing.assert_array_equal(read.base_motion(pose, rates, accelerations).acceleration, expected.acceleration)
+        np.testing.assert_array_equal(
+            read.base_motion(pose, rates, accelerations).acceleration, expected.acceleration
+        )
         np.testing.assert_array_equal(read.extent, [[MAP_X[0], MAP_Y[0]], [MAP_X[-1], MAP_Y[-1]]])
 
 
@@ -86,14 +92,21 @@ HOLE[2, 5] = np.nan
         (FLAT, np.nan, (0, 0), "resolution must be finite"),
         (FLAT, 1.0, (0, np.inf), r"origin must be finite, but entry \[1\]"),
         (FLAT, 1.0, 3.0, "origin must have shape"),
-        (FLAT + 1e300, 1e-300, (0, 0), r"heights of up to 1e\+300 m at a resolution of 1e-300 m .* beyond what"),
+        (
+            FLAT + 1e300,
+            1e-300,
+            (0, 0),
+            r"heights of up to 1e\+300 m at a resolution of 1e-300 m .* beyond what",
+        ),
         (FLAT, 1e-60, (0, 0), "beyond what can be computed with"),
         (FLAT, 1e300, (0, 0), "beyond what can be computed with"),
         (FLAT, 1.0, (1e20, 0), "beyond what can be computed with"),
         (FLAT, 1.0, (1.7e308, 0), "beyond what can be computed with"),
     ],
 )
-def test_impossible_maps_are_refused(heights: object, resolution: float, origin: object, message: str) -> None:
+def test_impossible_maps_are_refused(
+    heights: object, resolution: float, origin: object, message: str
+) -> None:
     with pytest.raises(MachineError, match=message):
         Heightmap(heights, resolution, origin)
 
@@ -112,8 +125,12 @@ def test_unreadable_files_are_named(tmp_path: Path) -> None:
             read(tmp_path / name, 1.0)
 
 
-@pytest.mark.parametrize("place", [(-3.1, 5.0), (26.6, 5.0), (0.0, 0.9), (0.0, 26.0), (np.nan, 5.0)])
-def test_leaving_the_map_is_an_error_that_says_where(rolling: Heightmap, place: tuple[float, float]) -> None:
+@pytest.mark.parametrize(
+    "place", [(-3.1, 5.0), (26.6, 5.0), (0.0, 0.9), (0.0, 26.0), (np.nan, 5.0)]
+)
+def test_leaving_the_map_is_an_error_that_says_where(
+    rolling: Heightmap, place: tuple[float, float]
+) -> None:
     pose = np.array([[0.0, 5.0, 0.0], [*place, 0.0]])
     zero = np.zeros((2, 2))
     where = rf"\({place[0]:.3f}, {place[1]:.3f}\) m; the map covers x from -3 to 26.5 m and y from 1 to 25.5 m"
@@ -138,7 +155,10 @@ def test_rough_ground_is_an_error_that_says_where_and_by_how_much(feller_buncher
     mound = Heightmap(heights, RESOLUTION, MAP_ORIGIN)
     path = np.column_stack([np.linspace(2.0, 20.0, 30), np.full(30, 12.0), np.zeros(30)])
     mound.check_followable(support, path[:8])
-    with pytest.raises(ProblemError, match=r"\(1\d\.\d\d, 1\d\.\d\d\) m, under the base at pose \d+: .* m more than"):
+    with pytest.raises(
+        ProblemError,
+        match=r"\(1\d\.\d\d, 1\d\.\d\d\) m, under the base at pose \d+: .* m more than",
+    ):
         mound.check_followable(support, path)
     mound.check_followable(support, path, clearance=5.0)
 

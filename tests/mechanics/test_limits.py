@@ -8,7 +8,7 @@ import pytest
 
 from zmp_sqp.errors import MachineError
 from zmp_sqp.mechanics.limits import JointLimits
-from zmp_sqp.mechanics.limits_yaml import read_joint_limits
+from zmp_sqp.mechanics.urdf.limits_yaml import read_joint_limits
 
 NAMES = ("slew", "boom")
 NAN = np.nan
@@ -44,17 +44,32 @@ def test_limits_can_be_given_for_all_each_or_some(change: object, expected: list
     ("changes", "named"),
     [
         ({"speed": 1.0}, "unknown limit 'speed'; limits are position_lower"),
-        ({"slew": {"velocity": 0.8}}, "'slew' is a joint: the limit comes first, as in {'velocity': {'slew': 0.8}}"),
+        (
+            {"slew": {"velocity": 0.8}},
+            "'slew' is a joint: the limit comes first, as in {'velocity': {'slew': 0.8}}",
+        ),
         ({"velocity": {"bom": 1.0}}, "unknown joint 'bom'; joints are slew, boom"),
         ({"velocity": 0.0}, "velocity limit of joint 'slew' must be positive and finite, not 0.0"),
-        ({"velocity": [1.0, -1.0]}, "velocity limit of joint 'boom' must be positive and finite, not -1.0"),
+        (
+            {"velocity": [1.0, -1.0]},
+            "velocity limit of joint 'boom' must be positive and finite, not -1.0",
+        ),
         ({"acceleration": {"boom": np.inf}}, "acceleration limit of joint 'boom' must be finite"),
-        ({"acceleration": [1.0, NAN]}, "acceleration limit of joint 'boom' must be a number, not nan"),
-        ({"effort": {"slew": "strong"}}, "effort limit of joint 'slew' must be a number, not 'strong'"),
+        (
+            {"acceleration": [1.0, NAN]},
+            "acceleration limit of joint 'boom' must be a number, not nan",
+        ),
+        (
+            {"effort": {"slew": "strong"}},
+            "effort limit of joint 'slew' must be a number, not 'strong'",
+        ),
         ({"velocity": [1.0, 2.0, 3.0]}, "velocity limits must have shape (2,)"),
         ({"velocity": [[1.0], [2.0, 3.0]]}, "velocity limits must be numbers"),
         ({"velocity": True}, "velocity limit must be a number, not True"),
-        ({"position_lower": {"slew": 2.0}}, "joint 'slew': lower position limit 2.0 and upper one 1.0"),
+        (
+            {"position_lower": {"slew": 2.0}},
+            "joint 'slew': lower position limit 2.0 and upper one 1.0",
+        ),
         ({"position_upper": {"boom": -np.inf}}, "joint 'boom'"),
         (3.0, "must be a mapping"),
     ],
@@ -80,8 +95,10 @@ def test_a_value_in_the_file_holds_only_where_its_switch_is_true(tmp_path: Path)
         tmp_path,
         """
 joint_limits:
-  slew: {has_velocity_limits: true, max_velocity: 0.3, has_acceleration_limits: false, max_acceleration: 7.0}
-  boom: {max_velocity: 0.1, has_position_limits: true, min_position: -2, max_position: 2.5, has_jerk_limits: true}
+  slew: {has_velocity_limits: true, max_velocity: 0.3, has_acceleration_limits: false,
+      max_acceleration: 7.0}
+  boom: {max_velocity: 0.1, has_position_limits: true, min_position: -2, max_position: 2.5,
+      has_jerk_limits: true}
 """,
     )
     np.testing.assert_array_equal(found.velocity, [0.3, 0.6])
@@ -97,7 +114,8 @@ def test_default_scaling_factors_scale_the_limits_of_all_joints(tmp_path: Path) 
 default_velocity_scaling_factor: 0.1
 default_acceleration_scaling_factor: 0.5
 joint_limits:
-  slew: {has_velocity_limits: true, max_velocity: 2.0, has_acceleration_limits: true, max_acceleration: 3}
+  slew: {has_velocity_limits: true, max_velocity: 2.0, has_acceleration_limits: true,
+      max_acceleration: 3}
 """,
     )
     np.testing.assert_allclose(found.velocity, [0.2, 0.06])
@@ -124,16 +142,31 @@ def test_an_empty_file_changes_nothing(tmp_path: Path) -> None:
             "joint_limits.slew.has_velocity_limits must be true or false",
         ),
         ("joint_limits: {slew: {has_velocity_limits: true}}", "max_velocity is missing"),
-        ("joint_limits: {slew: {has_velocity_limits: true, max_velocity: fast}}", "slew.max_velocity must be a number"),
+        (
+            "joint_limits: {slew: {has_velocity_limits: true, max_velocity: fast}}",
+            "slew.max_velocity must be a number",
+        ),
         ("joint_limits: {slew: {has_velocity_limits: true, max_velocity: 1e-1}}", "write 1.0e-3"),
-        ("joint_limits: {slew: {has_velocity_limits: true, max_velocity: .nan}}", "slew.max_velocity must be finite"),
-        ("joint_limits: {slew: {has_velocity_limits: true, max_velocity: -1}}", "velocity limit of joint 'slew'"),
+        (
+            "joint_limits: {slew: {has_velocity_limits: true, max_velocity: .nan}}",
+            "slew.max_velocity must be finite",
+        ),
+        (
+            "joint_limits: {slew: {has_velocity_limits: true, max_velocity: -1}}",
+            "velocity limit of joint 'slew'",
+        ),
         (
             "joint_limits: {slew: {has_position_limits: true, min_position: 3, max_position: 2}}",
             "3.0 and upper one 2.0",
         ),
-        ("default_velocity_scaling_factor: 2.0", "default_velocity_scaling_factor must be above 0 and at most 1"),
-        ("default_velocity_scaling_factor: full", "default_velocity_scaling_factor must be a number"),
+        (
+            "default_velocity_scaling_factor: 2.0",
+            "default_velocity_scaling_factor must be above 0 and at most 1",
+        ),
+        (
+            "default_velocity_scaling_factor: full",
+            "default_velocity_scaling_factor must be a number",
+        ),
     ],
 )
 def test_bad_files_are_refused_by_file_and_key(tmp_path: Path, text: str, named: str) -> None:

@@ -33,14 +33,20 @@ def test_each_coordinate_moves_the_joint_of_its_name(permuted: Machine) -> None:
         for into, configuration in zip((still, moved), permuted.configuration(q), strict=True):
             pin.forwardKinematics(permuted.model, data, configuration)
             into.extend(placement.copy() for placement in data.liMi)
-        shifted = [permuted.model.names[j] for j in range(1, permuted.model.njoints) if not still[j].isApprox(moved[j])]
+        shifted = [
+            permuted.model.names[j]
+            for j in range(1, permuted.model.njoints)
+            if not still[j].isApprox(moved[j])
+        ]
         assert shifted == [name]
 
 
 def test_continuous_joints_are_periodic(permuted: Machine) -> None:
     q, v, a = random_motion(permuted, 1, seed=11)
     turned = q + np.array([0.0, 2 * np.pi, -4 * np.pi])
-    np.testing.assert_allclose(zmp(permuted, turned, v, a, Slope()), zmp(permuted, q, v, a, Slope()), atol=1e-9)
+    np.testing.assert_allclose(
+        zmp(permuted, turned, v, a, Slope()), zmp(permuted, q, v, a, Slope()), atol=1e-9
+    )
 
 
 @pytest.mark.parametrize("fixture", ["loaded", "paper", "permuted"])
@@ -50,7 +56,8 @@ def test_machine_survives_pickling(fixture: str, request: pytest.FixtureRequest)
     q, v, a = random_motion(machine, 3, seed=12)
     np.testing.assert_array_equal(zmp(twin, q, v, a, Slope()), zmp(machine, q, v, a, Slope()))
     assert twin.joint_names == machine.joint_names
-    point_masses = (each.with_point_masses() for each in (twin, machine))  # needs the inertias of the frames
+    # needs the inertias of the frames
+    point_masses = (each.with_point_masses() for each in (twin, machine))
     np.testing.assert_array_equal(*(zmp(each, q, v, a, Slope()) for each in point_masses))
 
 
@@ -65,7 +72,9 @@ def test_payload_and_point_masses_commute(feller_buncher: Machine) -> None:
 
 
 @pytest.mark.parametrize("fixture", ["loaded", "permuted"])
-def test_point_masses_keep_mass_and_centre_of_mass(fixture: str, request: pytest.FixtureRequest) -> None:
+def test_point_masses_keep_mass_and_centre_of_mass(
+    fixture: str, request: pytest.FixtureRequest
+) -> None:
     machine: Machine = request.getfixturevalue(fixture)
     twin = machine.with_point_masses()
     assert twin.mass == pytest.approx(machine.mass)
@@ -76,12 +85,16 @@ def test_point_masses_keep_mass_and_centre_of_mass(fixture: str, request: pytest
 def test_frames_hold_the_inertia_that_pinocchio_lumps_into_the_joints(permuted: Machine) -> None:
     for joint in range(1, permuted.model.njoints):
         frames = [frame for frame in permuted.model.frames if frame.parentJoint == joint]
-        total = sum((frame.placement.act(frame.inertia) for frame in frames), start=pin.Inertia.Zero())
+        total = sum(
+            (frame.placement.act(frame.inertia) for frame in frames), start=pin.Inertia.Zero()
+        )
         assert total.isApprox(permuted.model.inertias[joint], 1e-9)
 
 
 def test_changes_leave_the_original_alone(feller_buncher: Machine) -> None:
-    heavier = feller_buncher.with_payload(Payload(100.0, (0, 0, 0), "head")).with_limits(velocity=0.1)
+    heavier = feller_buncher.with_payload(Payload(100.0, (0, 0, 0), "head")).with_limits(
+        velocity=0.1
+    )
     assert feller_buncher.mass == pytest.approx(23650.0)
     assert heavier.mass == pytest.approx(23750.0)
     assert feller_buncher.limits.velocity[0] == pytest.approx(np.pi / 4)

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from zmp_sqp.mechanics.ground import Slope
-from zmp_sqp.mechanics.urdf import load_machine, shipped_machines
+from zmp_sqp.mechanics.urdf.loader import load_machine, shipped_machines
 from zmp_sqp.mechanics.zero_moment_point import zmp
 
 mujoco = pytest.importorskip("mujoco")
 
-ENGINES = 1e-6  # [m], two engines on the same numbers; MuJoCo keeps inertial frames in its own order of axes
+# [m], two engines on the same numbers; MuJoCo keeps inertial frames in its own order of axes
+ENGINES = 1e-6
 
 
 @pytest.mark.physics

@@ -55,19 +55,26 @@ def test_payload_is_what_append_body_to_joint_makes_of_it(feller_buncher: Machin
     frame = theirs.frames[theirs.getFrameId("head", pin.FrameType.BODY)]
     body = pin.Inertia(4000.0, np.array(TREE_COM), inertia)
     theirs.appendBodyToJoint(frame.parentJoint, body, frame.placement)
-    assert all(one.isApprox(other) for one, other in zip(ours.inertias, theirs.inertias, strict=True))
+    assert all(
+        one.isApprox(other) for one, other in zip(ours.inertias, theirs.inertias, strict=True)
+    )
 
 
 def test_payload_sits_in_the_axes_of_a_fixed_frame(permuted: Machine) -> None:
     index = permuted.model.getFrameId("tool", pin.FrameType.BODY)
     loaded = permuted.with_payload(Payload(3.0, (0.1, 0.2, 0.3), "tool")).model
-    joint, placement = permuted.model.frames[index].parentJoint, permuted.model.frames[index].placement
+    joint, placement = (
+        permuted.model.frames[index].parentJoint,
+        permuted.model.frames[index].placement,
+    )
     before, after = permuted.model.inertias[joint], loaded.inertias[joint]
     added = (after.mass * after.lever - before.mass * before.lever) / 3.0
     np.testing.assert_allclose(added, placement.act(np.array([0.1, 0.2, 0.3])), atol=1e-12)
 
 
 def test_a_machine_can_carry_several_payloads(feller_buncher: Machine) -> None:
-    twice = feller_buncher.with_payload(Payload(10.0, (0, 0, 0), "head")).with_payload(Payload(20.0, (0, 0, 1), "head"))
+    twice = feller_buncher.with_payload(Payload(10.0, (0, 0, 0), "head")).with_payload(
+        Payload(20.0, (0, 0, 1), "head")
+    )
     assert twice.mass == pytest.approx(feller_buncher.mass + 30.0)
     assert twice.with_point_masses().mass == pytest.approx(feller_buncher.mass + 30.0)

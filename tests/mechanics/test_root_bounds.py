@@ -7,10 +7,10 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import RectBivariateSpline
 
-from zmp_sqp.mechanics import spline_bounds
+from zmp_sqp.mechanics.bounds.root_bounds import root_bounds
 from zmp_sqp.mechanics.ground import Slope
-from zmp_sqp.mechanics.heightmap import Heightmap
-from zmp_sqp.mechanics.root_bounds import root_bounds
+from zmp_sqp.mechanics.terrain import spline_bounds
+from zmp_sqp.mechanics.terrain.heightmap import Heightmap
 
 ROUNDING = 1e-9
 DIFFERENCES = 0.02  # of a third derivative
@@ -25,7 +25,9 @@ def terrain(rng: np.random.Generator) -> Heightmap:
     for direction in rng.uniform(0.0, 6.0, 3):
         along = np.cos(direction) * x[None, :] + np.sin(direction) * x[:, None]
         length = rng.uniform(6.0, 20.0) * resolution
-        heights = heights + rng.uniform(0.0, 0.2) * resolution * np.cos(2.0 * np.pi / length * along)
+        heights = heights + rng.uniform(0.0, 0.2) * resolution * np.cos(
+            2.0 * np.pi / length * along
+        )
     return Heightmap(heights, resolution)
 
 
@@ -55,8 +57,11 @@ def test_no_derivative_in_a_box_is_above_its_bound(seed: int) -> None:
     for k in range(6):
         places = low[k] + rng.uniform(0.0, 1.0, (200, 2)) * (high[k] - low[k])
         found = forms(ground, places)
-        assert (np.abs(found).max(axis=1) <= bounds[:4, k, None] * (1.0 + ROUNDING) + ROUNDING).all()
-        rise = np.abs(np.diff(found[3], axis=1)).max(axis=0)  # of the fourth one, from place to place
+        assert (
+            np.abs(found).max(axis=1) <= bounds[:4, k, None] * (1.0 + ROUNDING) + ROUNDING
+        ).all()
+        # of the fourth one, from place to place
+        rise = np.abs(np.diff(found[3], axis=1)).max(axis=0)
         apart = np.linalg.norm(np.diff(places, axis=0), axis=1)
         assert (rise <= bounds[4, k] * apart * (1.0 + ROUNDING) + ROUNDING).all()
 
@@ -90,12 +95,18 @@ def test_no_motion_of_the_root_is_above_its_bound(seed: int, height: float) -> N
     """Angular velocity and origin with their derivatives, by differences along a path over bumpy ground."""
     rng = np.random.default_rng([3, seed])
     ground = terrain(rng)
-    speed, yaw = rng.uniform(-3.0, 3.0, 3), np.append(rng.uniform(-3.0, 3.0), rng.uniform(-1.0, 1.0, 3))
+    speed, yaw = (
+        rng.uniform(-3.0, 3.0, 3),
+        np.append(rng.uniform(-3.0, 3.0), rng.uniform(-1.0, 1.0, 3)),
+    )
     if seed % 3 == 0:
         yaw[1:] = 0.0  # only the ground turns it
 
     def state(t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        rates = [speed[0] + speed[1] * t + speed[2] * t**2 / 2, yaw[1] + yaw[2] * t + yaw[3] * t**2 / 2]
+        rates = [
+            speed[0] + speed[1] * t + speed[2] * t**2 / 2,
+            yaw[1] + yaw[2] * t + yaw[3] * t**2 / 2,
+        ]
         pushes = [speed[1] + speed[2] * t, yaw[2] + yaw[3] * t]
         turned = yaw[0] + yaw[1] * t + yaw[2] * t**2 / 2 + yaw[3] * t**3 / 6
         return turned, np.column_stack(rates), np.column_stack(pushes)
@@ -115,17 +126,31 @@ def test_no_motion_of_the_root_is_above_its_bound(seed: int, height: float) -> N
     pose = np.column_stack([places, turned])
     motion = ground.base_motion(pose, rates, pushes)
     positions, turns = ground.base_pose(pose)
-    spin, push = (np.einsum("kij,kj->ki", turns, part[:, 3:]) for part in (motion.velocity, motion.acceleration))
+    spin, push = (
+        np.einsum("kij,kj->ki", turns, part[:, 3:])
+        for part in (motion.velocity, motion.acceleration)
+    )
     origin = positions - height * turns[:, :, 2]
     found = [
-        np.linalg.norm(spin[3]), np.linalg.norm(push[3]), np.linalg.norm(push[4] - push[2]) / (2.0 * STEP),
+        np.linalg.norm(spin[3]),
+        np.linalg.norm(push[3]),
+        np.linalg.norm(push[4] - push[2]) / (2.0 * STEP),
         np.linalg.norm(push[4] - 2.0 * push[3] + push[2]) / STEP**2,
-    ]  # fmt: skip
+    ]
     drive = [
         np.linalg.norm(origin[4] - origin[2]) / (2.0 * STEP),
         np.linalg.norm(origin[4] - 2.0 * origin[3] + origin[2]) / STEP**2,
     ]
-    peaks = np.abs(np.stack([rates, pushes, np.repeat([[speed[2], yaw[3]]], 7, axis=0)])).max(axis=1).T[:, :, None]
-    bounds = root_bounds(peaks, ground.derivative_bounds(places.min(axis=0)[None], places.max(axis=0)[None]), height)
-    assert (np.array(found) <= bounds[1, :, 0] * [1.0 + 1e-7, 1.0 + 1e-7, 1.001, 1.0 + DIFFERENCES] + 1e-7).all()
+    peaks = (
+        np.abs(np.stack([rates, pushes, np.repeat([[speed[2], yaw[3]]], 7, axis=0)]))
+        .max(axis=1)
+        .T[:, :, None]
+    )
+    bounds = root_bounds(
+        peaks, ground.derivative_bounds(places.min(axis=0)[None], places.max(axis=0)[None]), height
+    )
+    assert (
+        np.array(found)
+        <= bounds[1, :, 0] * [1.0 + 1e-7, 1.0 + 1e-7, 1.001, 1.0 + DIFFERENCES] + 1e-7
+    ).all()
     assert (np.array(drive) <= bounds[0, :2, 0] * 1.001 + 1e-4).all()

@@ -18,7 +18,8 @@ BLOCK = f"""<robot name="block">
     <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
   <link name="weight"><inertial><mass value="1000"/>
     <inertia ixx="1e-9" iyy="1e-9" izz="1e-9" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="slide" type="prismatic"><parent link="base_link"/><child link="weight"/><origin xyz="0 0 {HEIGHT}"/>
+  <joint name="slide" type="prismatic"><parent link="base_link"/><child link="weight"/><origin
+  xyz="0 0 {HEIGHT}"/>
     <axis xyz="0 1 0"/><limit lower="-5" upper="5" velocity="1" effort="1"/></joint>
 </robot>"""
 
@@ -48,7 +49,9 @@ def test_a_block_on_a_slope_has_its_angle_less_and_lifts_less(block: zs.Machine)
     edge = np.arctan2(WIDTH, HEIGHT)
     reach = np.hypot(WIDTH, HEIGHT)
     assert found.force_angle[0] == pytest.approx(edge - lean, abs=EXACT)
-    assert found.tip_over_energy[0] == pytest.approx(MASS * 9.81 * reach * (1.0 - np.cos(edge - lean)), rel=1e-9)
+    assert found.tip_over_energy[0] == pytest.approx(
+        MASS * 9.81 * reach * (1.0 - np.cos(edge - lean)), rel=1e-9
+    )
     assert found.load_transfer_ratio[0] == pytest.approx(HEIGHT * np.tan(lean) / WIDTH, abs=EXACT)
 
 
@@ -58,7 +61,9 @@ def test_the_load_transfer_ratio_is_that_of_two_tracks(block: zs.Machine) -> Non
     found = stability_measures(block, q, v, a, zs.Slope())
     y = float(zs.zmp(block, q, v, a, zs.Slope())[0, 1])
     left, right = (y + WIDTH) / (2 * WIDTH), (WIDTH - y) / (2 * WIDTH)
-    assert found.load_transfer_ratio[0] == pytest.approx(abs(left - right) / (left + right), abs=EXACT)
+    assert found.load_transfer_ratio[0] == pytest.approx(
+        abs(left - right) / (left + right), abs=EXACT
+    )
 
 
 def test_all_measures_change_sign_with_the_zmp() -> None:
@@ -67,7 +72,9 @@ def test_all_measures_change_sign_with_the_zmp() -> None:
     )
     rng, signs = np.random.default_rng(0), []
     while len(signs) < 300:
-        q, v, a = rng.uniform(-1.5, 1.5, (3, 1, machine.size)) * np.array([1.0, 0.5, 0.8])[:, None, None]
+        q, v, a = (
+            rng.uniform(-1.5, 1.5, (3, 1, machine.size)) * np.array([1.0, 0.5, 0.8])[:, None, None]
+        )
         try:
             found = stability_measures(machine, q, v, a, zs.Slope(*rng.uniform(-0.4, 0.4, 2)))
         except zs.ZmpSqpError:

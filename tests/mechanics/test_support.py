@@ -32,7 +32,20 @@ STAR = [[np.cos(t), np.sin(t)] for t in 4 * np.pi / 5 * np.arange(5)]
         (STAR, "crosses itself"),
         ("square", "numbers"),
     ],
-    ids=["few", "3d", "nan", "inf", "repeated", "closed", "clockwise", "dent", "straight", "bow tie", "star", "text"],
+    ids=[
+        "few",
+        "3d",
+        "nan",
+        "inf",
+        "repeated",
+        "closed",
+        "clockwise",
+        "dent",
+        "straight",
+        "bow tie",
+        "star",
+        "text",
+    ],
 )
 def test_bad_polygons_are_refused_by_vertex(vertices: object, named: str) -> None:
     with pytest.raises(MachineError, match=re.escape(named)):
@@ -59,17 +72,23 @@ def test_vertices_cannot_be_written_to() -> None:
 
 def test_outside_a_corner_the_distance_is_to_the_edge_line_most_violated() -> None:
     assert SupportPolygon(RECTANGLE).signed_distance(np.array([4.5, 2.615])) == pytest.approx(-2.0)
-    assert SupportPolygon(RECTANGLE).signed_distance(np.zeros((3, 2))).tolist() == pytest.approx([1.615] * 3)
+    assert SupportPolygon(RECTANGLE).signed_distance(np.zeros((3, 2))).tolist() == pytest.approx(
+        [1.615] * 3
+    )
 
 
 def test_hull_drops_inner_and_collinear_points() -> None:
-    grid = np.stack(np.meshgrid(np.linspace(-1, 1, 5), np.linspace(-2, 2, 5)), axis=-1).reshape(-1, 2)
+    grid = np.stack(np.meshgrid(np.linspace(-1, 1, 5), np.linspace(-2, 2, 5)), axis=-1).reshape(
+        -1, 2
+    )
     hull = SupportPolygon.convex_hull(grid, height=0.2)
     assert sorted(hull.vertices.tolist()) == [[-1, -2], [-1, 2], [1, -2], [1, 2]]
     assert hull.height == 0.2
 
 
-@pytest.mark.parametrize("points", [[[0, 0], [1, 1]], [[0, 0], [1, 1], [2, 2], [3, 3]], [[1, 1]] * 5, []])
+@pytest.mark.parametrize(
+    "points", [[[0, 0], [1, 1]], [[0, 0], [1, 1], [2, 2], [3, 3]], [[1, 1]] * 5, []]
+)
 def test_points_on_a_line_span_no_polygon(points: list[list[float]]) -> None:
     with pytest.raises(MachineError):
         SupportPolygon.convex_hull(points)
@@ -77,7 +96,12 @@ def test_points_on_a_line_span_no_polygon(points: list[list[float]]) -> None:
 
 def test_inset_keeps_the_margin_and_drops_edges_that_no_longer_bound() -> None:
     inner = SupportPolygon(RECTANGLE).inset(0.5)
-    assert sorted(inner.vertices.tolist()) == [[-2.0, -1.115], [-2.0, 1.115], [2.0, -1.115], [2.0, 1.115]]
+    assert sorted(inner.vertices.tolist()) == [
+        [-2.0, -1.115],
+        [-2.0, 1.115],
+        [2.0, -1.115],
+        [2.0, 1.115],
+    ]
     cut = SupportPolygon([[0, 0], [4, 0], [4, 3.9], [3.9, 4], [0, 4]])  # the bevel is 0.14 m long
     assert len(cut.vertices) == 5
     assert len(cut.inset(0.5).vertices) == 4
@@ -109,14 +133,20 @@ def ray_crossings(vertices: np.ndarray, point: np.ndarray) -> int:
     return int(np.sum(straddles & (at > point[0])))
 
 
-@given(points=hulls, point=st.tuples(coordinates, coordinates), height=st.floats(-1, 1), force=st.floats(1.0, 1e5))
+@given(
+    points=hulls,
+    point=st.tuples(coordinates, coordinates),
+    height=st.floats(-1, 1),
+    force=st.floats(1.0, 1e5),
+)
 def test_wrench_rows_are_negative_exactly_where_the_point_is_inside(
     points: list[tuple[float, float]], point: tuple[float, float], height: float, force: float
 ) -> None:
     polygon = hull_of(points, height)
     p = np.array([*point, height])
     f = np.array([0.3 * force, -0.2 * force, force])
-    wrench = np.concatenate([f, np.cross(p, f) + np.array([0.0, 0.0, 7.0])])  # a vertical moment does not matter
+    # a vertical moment does not matter
+    wrench = np.concatenate([f, np.cross(p, f) + np.array([0.0, 0.0, 7.0])])
     rows = polygon.wrench_rows() @ wrench / force  # distances beyond the edge lines [m]
     assume(np.abs(rows).min() > CLOSE)
     assert bool((rows <= 0.0).all()) == bool(ray_crossings(polygon.vertices, p[:2]) % 2)

@@ -10,12 +10,14 @@ import pytest
 from tests.mechanics.conftest import PERMUTED
 from zmp_sqp.errors import MachineError
 from zmp_sqp.mechanics.support import SupportPolygon
-from zmp_sqp.mechanics.urdf import load_machine, shipped_machines
+from zmp_sqp.mechanics.urdf.loader import load_machine, shipped_machines
 
 EXACT = 1e-12  # [m], sums of a few decimal numbers
 INERTIA = '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
 BASE = f'<link name="base"><inertial><mass value="10"/>{INERTIA}</inertial></link>'
-ARM = f'<link name="arm"><inertial><origin xyz="0 0 1"/><mass value="2"/>{INERTIA}</inertial></link>'
+ARM = (
+    f'<link name="arm"><inertial><origin xyz="0 0 1"/><mass value="2"/>{INERTIA}</inertial></link>'
+)
 TURN = (
     '<joint name="turn" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 0 1"/>'
     '<limit lower="-1" upper="1" velocity="2" effort="3"/></joint>'
@@ -39,13 +41,17 @@ def test_feller_buncher_is_the_machine_of_the_paper() -> None:
     assert not machine.model.gravity.vector.any()
 
 
-@pytest.mark.parametrize("support", [None, ("left_track", "right_track"), ["right_track", "left_track"]])
+@pytest.mark.parametrize(
+    "support", [None, ("left_track", "right_track"), ["right_track", "left_track"]]
+)
 def test_feller_buncher_stands_on_a_rectangle_of_5_by_3_23_metres(support: object) -> None:
     found = load_machine("feller_buncher", support=support).support
     assert found is not None
     assert found.height == pytest.approx(0.0, abs=EXACT)
     corners = np.array(sorted(found.vertices.tolist()))
-    np.testing.assert_allclose(corners, [[-2.5, -1.615], [-2.5, 1.615], [2.5, -1.615], [2.5, 1.615]], atol=EXACT)
+    np.testing.assert_allclose(
+        corners, [[-2.5, -1.615], [-2.5, 1.615], [2.5, -1.615], [2.5, 1.615]], atol=EXACT
+    )
 
 
 @pytest.mark.parametrize("name", sorted(shipped_machines()))
@@ -88,63 +94,134 @@ def edited(old: str, new: str) -> str:
 FAULTS = {
     "empty": ("", "the file is empty"),
     "blank": (" \n\t", "the file is empty"),
-    "malformed": ("<robot name='toy'>\n<link name='a'>\n</robot>", "not well-formed XML: mismatched tag: line 3"),
+    "malformed": (
+        "<robot name='toy'>\n<link name='a'>\n</robot>",
+        "not well-formed XML: mismatched tag: line 3",
+    ),
     "binary": (b"\x00\xff\xfe\x01 solid", "not well-formed XML"),
     "encoding": (b"<?xml version='1.0' encoding='utf-77'?><robot/>", "XML"),
     "not a robot": ("<sdf><model/></sdf>", "root element is <sdf>, not <robot>"),
-    "xacro": ('<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arm/></robot>', "xacro"),
-    "doctype": ('<!DOCTYPE robot SYSTEM "file:///etc/passwd"><robot name="x"/>', "DOCTYPE and ENTITY"),
-    "entity": ('<?xml version="1.0"?>\n<!DOCTYPE r [<!ENTITY a "b">]><robot name="&a;"/>', "line 2: DOCTYPE"),
+    "xacro": (
+        '<robot name="x" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arm/></robot>',
+        "xacro",
+    ),
+    "doctype": (
+        '<!DOCTYPE robot SYSTEM "file:///etc/passwd"><robot name="x"/>',
+        "DOCTYPE and ENTITY",
+    ),
+    "entity": (
+        '<?xml version="1.0"?>\n<!DOCTYPE r [<!ENTITY a "b">]><robot name="&a;"/>',
+        "line 2: DOCTYPE",
+    ),
     "nameless": (edited('<robot name="toy">', "<robot>"), "<robot> has no name"),
     "no links": ('<robot name="toy"/>', "no links"),
     "no joint": (f'<robot name="toy">{BASE}</robot>', "no movable joint"),
     "only fixed": (edited('type="revolute"', 'type="fixed"'), "no movable joint"),
     "floating": (edited('type="revolute"', 'type="floating"'), "joint 'turn' has type 'floating'"),
     "planar": (edited('type="revolute"', 'type="planar"'), "joint 'turn' has type 'planar'"),
-    "spherical": (edited('type="revolute"', 'type="spherical"'), "joint 'turn' has type 'spherical'"),
+    "spherical": (
+        edited('type="revolute"', 'type="spherical"'),
+        "joint 'turn' has type 'spherical'",
+    ),
     "no type": (edited(' type="revolute"', ""), "joint 'turn' has type ''"),
     "mimic": (edited("<axis", '<mimic joint="other"/><axis'), "joint 'turn' mimics"),
     "no parent": (edited('<parent link="base"/>', ""), "joint 'turn' has no <parent link>"),
-    "absent child": (edited('<child link="arm"/>', '<child link="leg"/>'), "joint 'turn' names link 'leg'"),
-    "zero axis": (edited('xyz="0 0 1"/><limit', 'xyz="0 0 0"/><limit'), "joint 'turn': its axis is zero"),
+    "absent child": (
+        edited('<child link="arm"/>', '<child link="leg"/>'),
+        "joint 'turn' names link 'leg'",
+    ),
+    "zero axis": (
+        edited('xyz="0 0 1"/><limit', 'xyz="0 0 0"/><limit'),
+        "joint 'turn': its axis is zero",
+    ),
     "two links of a name": (edited(ARM, ARM + ARM), "link 'arm' is there twice"),
     "two joints of a name": (edited(TURN, TURN + TURN), "joint 'turn' is there twice"),
     "universe": (edited('name="turn"', 'name="universe"'), "'universe'"),
-    "several roots": (edited(TURN, TURN + '<link name="loose"/>'), "several root links: 'base', 'loose'"),
+    "several roots": (
+        edited(TURN, TURN + '<link name="loose"/>'),
+        "several root links: 'base', 'loose'",
+    ),
     "two parents": (
         edited(TURN, TURN + TURN.replace('name="turn"', 'name="again"')),
         "link 'arm' has two parents",
     ),
     "loop": (
-        edited(TURN, TURN + '<link name="a"/><link name="b"/>'
-               '<joint name="ab" type="fixed"><parent link="a"/><child link="b"/></joint>'
-               '<joint name="ba" type="fixed"><parent link="b"/><child link="a"/></joint>'),
+        edited(
+            TURN,
+            TURN + '<link name="a"/><link name="b"/>'
+            '<joint name="ab" type="fixed"><parent link="a"/><child link="b"/></joint>'
+            '<joint name="ba" type="fixed"><parent link="b"/><child link="a"/></joint>',
+        ),
         "link 'a' hangs on a loop",
     ),
     "no mass": (edited('<mass value="2"/>', ""), "link 'arm': its <inertial> has no <mass>"),
-    "mass without value": (edited('<mass value="2"/>', "<mass/>"), "link 'arm': <mass value> is missing"),
-    "no inertial": (edited(ARM, '<link name="arm"/>'), "link 'arm' moves with joint 'turn' but has no mass"),
-    "zero mass": (edited('value="2"', 'value="0"'), "link 'arm': mass must be positive, not 0.0 kg"),
-    "negative mass": (edited('value="2"', 'value="-2"'), "link 'arm': mass must be positive, not -2.0 kg"),
-    "infinite mass": (edited('value="2"', 'value="inf"'), "link 'arm': <mass value> must be finite"),
+    "mass without value": (
+        edited('<mass value="2"/>', "<mass/>"),
+        "link 'arm': <mass value> is missing",
+    ),
+    "no inertial": (
+        edited(ARM, '<link name="arm"/>'),
+        "link 'arm' moves with joint 'turn' but has no mass",
+    ),
+    "zero mass": (
+        edited('value="2"', 'value="0"'),
+        "link 'arm': mass must be positive, not 0.0 kg",
+    ),
+    "negative mass": (
+        edited('value="2"', 'value="-2"'),
+        "link 'arm': mass must be positive, not -2.0 kg",
+    ),
+    "infinite mass": (
+        edited('value="2"', 'value="inf"'),
+        "link 'arm': <mass value> must be finite",
+    ),
     "nan mass": (edited('value="2"', 'value="nan"'), "link 'arm': <mass value> must be finite"),
-    "mass in words": (edited('value="2"', 'value="2,5"'), "link 'arm': <mass value> must be a number, not '2,5'"),
-    "no inertia": (edited(f'<mass value="2"/>{INERTIA}', '<mass value="2"/>'), "link 'arm': its <inertial> has no"),
-    "inertia entry": (edited('iyz="0" izz="1"', 'izz="1"'), "link 'base': <inertia iyz> is missing"),
+    "mass in words": (
+        edited('value="2"', 'value="2,5"'),
+        "link 'arm': <mass value> must be a number, not '2,5'",
+    ),
+    "no inertia": (
+        edited(f'<mass value="2"/>{INERTIA}', '<mass value="2"/>'),
+        "link 'arm': its <inertial> has no",
+    ),
+    "inertia entry": (
+        edited('iyz="0" izz="1"', 'izz="1"'),
+        "link 'base': <inertia iyz> is missing",
+    ),
     "indefinite": (edited('ixy="0"', 'ixy="2"'), "link 'base': inertia must be positive definite"),
-    "no inertia about z": (edited('izz="1"', 'izz="0"'), "link 'base': inertia must be positive definite"),
-    "triangle": (edited('izz="1"', 'izz="3"'), "link 'base': inertia violates the triangle inequality"),
+    "no inertia about z": (
+        edited('izz="1"', 'izz="0"'),
+        "link 'base': inertia must be positive definite",
+    ),
+    "triangle": (
+        edited('izz="1"', 'izz="3"'),
+        "link 'base': inertia violates the triangle inequality",
+    ),
     "nan inertia": (edited('izz="1"', 'izz="nan"'), "link 'base': <inertia izz> must be finite"),
-    "nan origin": (edited('xyz="0 0 1"/><mass', 'xyz="0 nan 1"/><mass'), "link 'arm': <origin xyz> must be finite"),
-    "short origin": (edited('xyz="0 0 1"/><mass', 'xyz="0 1"/><mass'), "link 'arm': <origin xyz> must be 3 numbers"),
-    "limits crossed": (edited('lower="-1"', 'lower="2"'), "joint 'turn': lower position limit 2.0 is above upper"),
+    "nan origin": (
+        edited('xyz="0 0 1"/><mass', 'xyz="0 nan 1"/><mass'),
+        "link 'arm': <origin xyz> must be finite",
+    ),
+    "short origin": (
+        edited('xyz="0 0 1"/><mass', 'xyz="0 1"/><mass'),
+        "link 'arm': <origin xyz> must be 3 numbers",
+    ),
+    "limits crossed": (
+        edited('lower="-1"', 'lower="2"'),
+        "joint 'turn': lower position limit 2.0 is above upper",
+    ),
     "nan limit": (edited('upper="1"', 'upper="nan"'), "joint 'turn': <limit upper> must be finite"),
-    "negative velocity": (edited('velocity="2"', 'velocity="-2"'), "joint 'turn': velocity limit must not be negative"),
-}  # fmt: skip
+    "negative velocity": (
+        edited('velocity="2"', 'velocity="-2"'),
+        "joint 'turn': velocity limit must not be negative",
+    ),
+}
 
 
 @pytest.mark.parametrize("fault", sorted(FAULTS))
-def test_each_fault_of_a_urdf_is_named(fault: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_each_fault_of_a_urdf_is_named(
+    fault: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
     text, named = FAULTS[fault]
     with pytest.raises(MachineError, match=re.escape(named)) as refusal:
         load_machine(write(tmp_path, text))
@@ -156,7 +233,9 @@ def test_the_cause_that_pinocchio_only_prints_is_in_the_message(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     path = write(tmp_path, edited("<axis", "<safety_controller/><axis"))
-    with pytest.raises(MachineError, match=r"Pinocchio cannot read.*joint safety: no k_velocity.*\[turn\]"):
+    with pytest.raises(
+        MachineError, match=r"Pinocchio cannot read.*joint safety: no k_velocity.*\[turn\]"
+    ):
         load_machine(path)
     assert capfd.readouterr() == ("", "")
     os.write(2, b"still open\n")
@@ -164,7 +243,9 @@ def test_the_cause_that_pinocchio_only_prints_is_in_the_message(
 
 
 def test_a_doctype_in_a_comment_is_no_doctype(tmp_path: Path) -> None:
-    assert load_machine(write(tmp_path, edited(BASE, "<!-- <!DOCTYPE x> -->" + BASE))).joint_names == ("turn",)
+    assert load_machine(
+        write(tmp_path, edited(BASE, "<!-- <!DOCTYPE x> -->" + BASE))
+    ).joint_names == ("turn",)
 
 
 def test_a_joint_may_be_called_as_pinocchio_calls_the_root(tmp_path: Path) -> None:
@@ -175,7 +256,9 @@ def test_a_joint_may_be_called_as_pinocchio_calls_the_root(tmp_path: Path) -> No
 
 def test_meshes_are_never_opened(tmp_path: Path) -> None:
     mesh = '<geometry><mesh filename="package://nowhere/none.stl"/></geometry>'
-    path = write(tmp_path, edited("</link>", f"<visual>{mesh}</visual><collision>{mesh}</collision></link>"))
+    path = write(
+        tmp_path, edited("</link>", f"<visual>{mesh}</visual><collision>{mesh}</collision></link>")
+    )
     machine = load_machine(path)
     assert machine.mass == pytest.approx(12.0)
     assert machine.support is None
@@ -255,7 +338,9 @@ def corners(tmp_path: Path, *collisions: str) -> np.ndarray:
 def test_lying_wheels_touch_the_ground_along_a_line(tmp_path: Path) -> None:
     wheel = '<cylinder radius="0.5" length="0.2"/>'
     wheels = (f"{x} {y} 0.5 1.5707963 0 0 {wheel}" for x in (-1, 1) for y in (-0.6, 0.6))
-    np.testing.assert_allclose(corners(tmp_path, *wheels), [[-1, -0.7], [-1, 0.7], [1, -0.7], [1, 0.7]], atol=1e-6)
+    np.testing.assert_allclose(
+        corners(tmp_path, *wheels), [[-1, -0.7], [-1, 0.7], [1, -0.7], [1, 0.7]], atol=1e-6
+    )
 
 
 def test_an_upright_cylinder_stands_on_a_polygon_inside_its_base(tmp_path: Path) -> None:
@@ -264,16 +349,23 @@ def test_an_upright_cylinder_stands_on_a_polygon_inside_its_base(tmp_path: Path)
     np.testing.assert_allclose(np.linalg.norm(found - [2, 0], axis=1), 0.5, atol=1e-8)
 
 
-def test_spheres_touch_in_their_lowest_points_and_what_is_higher_does_not_count(tmp_path: Path) -> None:
+def test_spheres_touch_in_their_lowest_points_and_what_is_higher_does_not_count(
+    tmp_path: Path,
+) -> None:
     balls = [f'{x} {y} 0.3 0 0 0 <sphere radius="0.3"/>' for x, y in ((0, 0), (2, 0), (0, 1))]
-    found = corners(tmp_path, *balls, '9 9 9 0 0 0 <box size="1 1 1"/>', '0 2 0.35 0 0 0 <sphere radius="0.3"/>')
+    found = corners(
+        tmp_path, *balls, '9 9 9 0 0 0 <box size="1 1 1"/>', '0 2 0.35 0 0 0 <sphere radius="0.3"/>'
+    )
     np.testing.assert_allclose(found, [[0, 0], [0, 1], [2, 0]], atol=EXACT)
 
 
 @pytest.mark.parametrize(
-    "collisions", [(), ('0 0 1 0 0 0 <sphere radius="1"/>',), ('0 0 1 0.5 0.5 0 <box size="1 1 1"/>',)]
+    "collisions",
+    [(), ('0 0 1 0 0 0 <sphere radius="1"/>',), ('0 0 1 0.5 0.5 0 <box size="1 1 1"/>',)],
 )
-def test_shapes_that_span_no_polygon_give_no_support(tmp_path: Path, collisions: tuple[str, ...]) -> None:
+def test_shapes_that_span_no_polygon_give_no_support(
+    tmp_path: Path, collisions: tuple[str, ...]
+) -> None:
     assert load_machine(write(tmp_path, shapes(*collisions))).support is None
 
 
@@ -297,7 +389,11 @@ def test_contact_links_at_different_heights_or_without_shape_are_named(tmp_path:
     feet = "".join(
         f'<link name="{name}">{shape}</link><joint name="{name}_mount" type="fixed"><parent link="base"/>'
         f'<child link="{name}"/><origin xyz="{x} 0 {z}"/></joint>'
-        for name, shape, x, z in (("low", foot, 0, 0.0), ("high", foot, 1, 0.05), ("bare", "", 2, 0.0))
+        for name, shape, x, z in (
+            ("low", foot, 0, 0.0),
+            ("high", foot, 1, 0.05),
+            ("bare", "", 2, 0.0),
+        )
     )
     path = write(tmp_path, edited(TURN, TURN + feet))
     with pytest.raises(MachineError, match=r"contact link 'high' ends 0\.050 m above"):

@@ -32,13 +32,17 @@ ATTITUDE = -2.0 * np.pi / 3.0  # q2 + q3 + q4 of the paper's start pose
     ],
     ids=["arm over the left side", "arm folded", "start"],
 )
-def test_static_zmp_of_the_paper_on_a_20_degree_roll(paper: Machine, pose: list[float], expected: list[float]) -> None:
+def test_static_zmp_of_the_paper_on_a_20_degree_roll(
+    paper: Machine, pose: list[float], expected: list[float]
+) -> None:
     np.testing.assert_allclose(zmp(paper, pose, REST, REST, LEFT), expected, atol=PRINTED)
 
 
 def test_arm_over_the_downhill_side_stands_outside_the_polygon(paper: Machine) -> None:
     over_left = [np.pi / 2, -np.pi / 6, -2 * np.pi / 3, np.pi / 6, -np.pi / 2]
-    assert stability_margin(paper, over_left, REST, REST, LEFT) == pytest.approx(1.615 - 2.056, abs=PRINTED)
+    assert stability_margin(paper, over_left, REST, REST, LEFT) == pytest.approx(
+        1.615 - 2.056, abs=PRINTED
+    )
 
 
 @pytest.mark.parametrize("fixture", ["loaded", "paper", "permuted"])
@@ -53,16 +57,21 @@ def test_zmp_is_the_centroidal_momentum_rate_over_the_normal_force(
     for k, configuration in enumerate(machine.configuration(q)):
         full_v, full_a = zero.copy(), zero.copy()
         full_v[machine.index_v], full_a[machine.index_v] = v[k], a[k]
-        pin.computeCentroidalMomentumTimeVariation(machine.model, data, configuration, full_v, full_a)
+        pin.computeCentroidalMomentumTimeVariation(
+            machine.model, data, configuration, full_v, full_a
+        )
         force = data.dhg.linear - machine.mass * ground.gravity()
         moment = data.dhg.angular + np.cross(data.com[0], force)
         normal = np.array([0.0, 0.0, 1.0])
-        np.testing.assert_allclose(points[k], (np.cross(normal, moment) / force[2])[:2], atol=DERIVATIONS)
+        np.testing.assert_allclose(
+            points[k], (np.cross(normal, moment) / force[2])[:2], atol=DERIVATIONS
+        )
 
 
 def point_masses(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Table I by hand: masses (7,) and positions (7, 3), x forward, y left; arm angles are backwards from upright."""
-    along = [np.array([-np.sin(s), np.cos(s)]) for s in np.cumsum(q[1:4])]  # (forward, up) of boom, stick, tilt link
+    # (forward, up) of boom, stick, tilt link
+    along = [np.array([-np.sin(s), np.cos(s)]) for s in np.cumsum(q[1:4])]
     boom = np.array([0.0, 1.60 + 0.96])
     stick, tilt = boom + 3.27 * along[0], boom + 3.27 * (along[0] + along[1])
     head = tilt + 0.458 * along[2]
@@ -77,7 +86,9 @@ def point_masses(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         head + TREE_COM[2] * upright,
     ]
     masses = np.array([13000.0, 5000.0, 2000.0, 1000.0, 50.0, 2600.0, 4000.0])
-    return masses, np.array([[reach * np.cos(q[0]), reach * np.sin(q[0]), height] for reach, height in plane])
+    return masses, np.array(
+        [[reach * np.cos(q[0]), reach * np.sin(q[0]), height] for reach, height in plane]
+    )
 
 
 def test_zmp_of_point_masses_is_equation_5_on_differences_of_positions(paper: Machine) -> None:
@@ -86,20 +97,34 @@ def test_zmp_of_point_masses_is_equation_5_on_differences_of_positions(paper: Ma
     q, v, a = random_motion(paper, 50, seed=2)
     points = zmp(paper, q, v, a, ground)
     for k in range(50):
-        path = [point_masses(q[k] + v[k] * t + 0.5 * a[k] * t**2)[1] for t in step * np.arange(-2, 3)]
-        accelerations = (-path[0] + 16 * path[1] - 30 * path[2] + 16 * path[3] - path[4]) / (12 * step**2)
+        path = [
+            point_masses(q[k] + v[k] * t + 0.5 * a[k] * t**2)[1] for t in step * np.arange(-2, 3)
+        ]
+        accelerations = (-path[0] + 16 * path[1] - 30 * path[2] + 16 * path[3] - path[4]) / (
+            12 * step**2
+        )
         masses, (x, y, z) = point_masses(q[k])[0], path[2].T
         pull = (accelerations - gravity).T
-        expected = [masses @ (pull[2] * x - pull[0] * z), masses @ (pull[2] * y - pull[1] * z)] / (masses @ pull[2])
+        expected = [masses @ (pull[2] * x - pull[0] * z), masses @ (pull[2] * y - pull[1] * z)] / (
+            masses @ pull[2]
+        )
         np.testing.assert_allclose(points[k], expected, atol=DIFFERENCES)
 
 
-def test_pitching_the_stem_moves_the_zmp_by_what_point_masses_neglect(feller_buncher: Machine) -> None:
+def test_pitching_the_stem_moves_the_zmp_by_what_point_masses_neglect(
+    feller_buncher: Machine,
+) -> None:
     point = feller_buncher.with_payload(Payload(4000.0, TREE_COM, "head"))
-    stem = feller_buncher.with_payload(Payload(4000.0, TREE_COM, "head", np.diag([STEM, STEM, 0.0])))
-    # tilt link, head and tree balance over the tilt joint, so that pitching them does not change the normal force
+    stem = feller_buncher.with_payload(
+        Payload(4000.0, TREE_COM, "head", np.diag([STEM, STEM, 0.0]))
+    )
+    # tilt link, head and tree balance over the tilt joint, so that pitching them does not change
+    # the normal force
     balanced = np.arctan2(-4000.0 * TREE_COM[2], 50.0 * 0.229 + 6600.0 * 0.458)
-    pose, pitching = [0.0, -np.pi / 6, -2 * np.pi / 3, balanced + 5 * np.pi / 6, -np.pi / 2], [0, 0, 0, np.pi / 2, 0]
+    pose, pitching = (
+        [0.0, -np.pi / 6, -2 * np.pi / 3, balanced + 5 * np.pi / 6, -np.pi / 2],
+        [0, 0, 0, np.pi / 2, 0],
+    )
     shift = zmp(stem, pose, REST, pitching, Slope()) - zmp(point, pose, REST, pitching, Slope())
     assert np.linalg.norm(shift) == pytest.approx(0.124, abs=PRINTED)
 
@@ -136,7 +161,13 @@ def test_lift_off_raises_and_names_the_index(loaded: Machine) -> None:
     ("q", "v", "a", "ground", "named"),
     [
         ([0, np.nan, 0, 0, 0], REST, REST, LEFT, "q of joint 'boom'"),
-        (np.zeros((2, 5)), [[0] * 5, [0, 0, 0, np.inf, 0]], np.zeros((2, 5)), LEFT, "v of joint 'tilt' at index 1"),
+        (
+            np.zeros((2, 5)),
+            [[0] * 5, [0, 0, 0, np.inf, 0]],
+            np.zeros((2, 5)),
+            LEFT,
+            "v of joint 'tilt' at index 1",
+        ),
         (REST, REST, np.zeros(4), LEFT, "a must have shape (5,)"),
         (np.zeros((3, 5)), np.zeros((2, 5)), np.zeros((3, 5)), LEFT, "v must have the shape of q"),
         ("five", REST, REST, LEFT, "q must be numbers"),

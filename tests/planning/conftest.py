@@ -11,7 +11,8 @@ import zmp_sqp as zs
 from tests.problems import NamedProblem, paper_1, paper_scene, random_problem
 from zmp_sqp.planning import LumpedMass, simplified_coordinates
 
-UPRIGHT, LEANING = -np.pi / 2, -2.0 * np.pi / 3  # attitude c of the head: (7), and the start (22) of Song & Sharf 2020
+# attitude c of the head: (7), and the start (22) of Song & Sharf 2020
+UPRIGHT, LEANING = -np.pi / 2, -2.0 * np.pi / 3
 TEST_2 = replace(paper_scene(), roll=np.deg2rad(-15.0), pitch=np.deg2rad(15.0))
 
 
@@ -27,11 +28,15 @@ def planned_random(seed: int) -> tuple[NamedProblem, zs.Plan]:
     return named, zs.plan(named.problem)
 
 
-def pose(slew: float, boom: float, *, attitude: float = LEANING, head: float = -np.pi / 2) -> np.ndarray:
+def pose(
+    slew: float, boom: float, *, attitude: float = LEANING, head: float = -np.pi / 2
+) -> np.ndarray:
     """Pose of the form (7)."""
     return np.array([slew, boom, -np.pi - 2.0 * boom, attitude + np.pi + boom, head])
 
 
 def lumped(attitude: float) -> LumpedMass:
     machine = paper_scene().load()
-    return LumpedMass.of(machine, simplified_coordinates(machine, pose(0.0, -0.5, attitude=attitude)))
+    return LumpedMass.of(
+        machine, simplified_coordinates(machine, pose(0.0, -0.5, attitude=attitude))
+    )

@@ -14,22 +14,41 @@ import zmp_sqp as zs
 from tests.problems import FOOTPRINT, GRAVITY, PAPER_GOAL, PAPER_START, Scene, Tree, paper_scene
 
 Array = np.ndarray
-LIMITS = {"max_speed": 10.0, "max_acceleration": 2.0, "max_yaw_rate": 0.5, "max_yaw_acceleration": 1.0}
+LIMITS = {
+    "max_speed": 10.0,
+    "max_acceleration": 2.0,
+    "max_yaw_rate": 0.5,
+    "max_yaw_acceleration": 1.0,
+}
 WAVES = ((0.10, 18.0, 0.3, 0.5), (0.12, 25.0, 1.9, 2.0))  # radius of curvature at least 50 m
 CHORD = 6.0  # [m] the retreat backs off so far, on an arc of 1 rad
 
 
-def base(start: Any = (0.0, 0.0, 0.0), goal: Any = (0.0, 0.0, 0.0), **options: Any) -> zs.UnicycleBase:
+def base(
+    start: Any = (0.0, 0.0, 0.0), goal: Any = (0.0, 0.0, 0.0), **options: Any
+) -> zs.UnicycleBase:
     return zs.UnicycleBase(start=start, goal=goal, **(LIMITS | options))
 
 
 def rolling_map(
-    roll: float = -20.0, pitch: float = 0.0, *, waves: Any = WAVES, resolution: float = 1.0, low: Any = (-16.0, -14.0),
+    roll: float = -20.0,
+    pitch: float = 0.0,
+    *,
+    waves: Any = WAVES,
+    resolution: float = 1.0,
+    low: Any = (-16.0, -14.0),
     high: Any = (10.0, 10.0),
-) -> zs.Heightmap:  # fmt: skip
+) -> zs.Heightmap:
     """Waves (height [m], length [m], direction [rad], phase [rad]) on a plane that leans by roll and pitch [deg]."""
-    x, y = (np.arange(start, stop + 0.5 * resolution, resolution) for start, stop in zip(low, high, strict=True))
-    normal = pin.utils.rotate("y", np.deg2rad(pitch)) @ pin.utils.rotate("x", np.deg2rad(roll)) @ [0.0, 0.0, 1.0]
+    x, y = (
+        np.arange(start, stop + 0.5 * resolution, resolution)
+        for start, stop in zip(low, high, strict=True)
+    )
+    normal = (
+        pin.utils.rotate("y", np.deg2rad(pitch))
+        @ pin.utils.rotate("x", np.deg2rad(roll))
+        @ [0.0, 0.0, 1.0]
+    )
     heights = -(normal[0] * x[None, :] + normal[1] * y[:, None]) / normal[2]
     for height, length, direction, phase in waves:
         along = np.cos(direction) * x[None, :] + np.sin(direction) * y[:, None]
@@ -80,10 +99,16 @@ class Surface:
     def root(self, pose: Array) -> pin.SE3:
         x, y, yaw = pose
         if self.spline is None:
-            return pin.SE3(self.tilt @ pin.utils.rotate("z", yaw), self.tilt @ np.array([x, y, 0.0]))
+            return pin.SE3(
+                self.tilt @ pin.utils.rotate("z", yaw), self.tilt @ np.array([x, y, 0.0])
+            )
         p, r = self.spline.ev(x, y, dx=1), self.spline.ev(x, y, dy=1)
-        lean = pin.utils.rotate("y", -np.arctan(p)) @ pin.utils.rotate("x", np.arctan(r / np.hypot(1.0, p)))
-        return pin.SE3(lean @ pin.utils.rotate("z", yaw), np.array([x, y, float(self.spline.ev(x, y))]))
+        lean = pin.utils.rotate("y", -np.arctan(p)) @ pin.utils.rotate(
+            "x", np.arctan(r / np.hypot(1.0, p))
+        )
+        return pin.SE3(
+            lean @ pin.utils.rotate("z", yaw), np.array([x, y, float(self.spline.ev(x, y))])
+        )
 
 
 def zmp_from_poses(
@@ -106,16 +131,24 @@ def zmp_from_poses(
 
     points = []
     for k in range(len(times)):
-        (_, a), (_, ab), (root, b), (_, bc), (_, c) = (poses(p[k], q[k]) for p, q in zip(bases, arms, strict=True))
+        (_, a), (_, ab), (root, b), (_, bc), (_, c) = (
+            poses(p[k], q[k]) for p, q in zip(bases, arms, strict=True)
+        )
         force, moment = np.zeros(3), np.zeros(3)
         for i, before, early, now, late, after in zip(bodies, a, ab, b, bc, c, strict=True):
             inertia = model.inertias[i]
             centres = [pose.act(inertia.lever) for pose in (before, now, after)]
-            pull = (centres[2] - 2.0 * centres[1] + centres[0]) / step**2 + np.array([0.0, 0.0, GRAVITY])
+            pull = (centres[2] - 2.0 * centres[1] + centres[0]) / step**2 + np.array(
+                [0.0, 0.0, GRAVITY]
+            )
             force += inertia.mass * pull
             moment += inertia.mass * np.cross(centres[1] - root.translation, pull)
             momenta = [
-                middle.rotation @ inertia.inertia @ middle.rotation.T @ pin.log3(end.rotation @ first.rotation.T) / step
+                middle.rotation
+                @ inertia.inertia
+                @ middle.rotation.T
+                @ pin.log3(end.rotation @ first.rotation.T)
+                / step
                 for first, middle, end in ((before, early, now), (now, late, after))
             ]
             moment += (momenta[1] - momenta[0]) / step
@@ -125,7 +158,8 @@ def zmp_from_poses(
 
 
 DRAWS = 300  # of a random problem before one must stand at both ends
-LOW, HIGH = np.array([-3.0, -1.2, -2.6, 0.0, -2.0]), np.array([3.0, 0.2, -1.2, 1.2, 0.5])  # [rad] of the joints
+# [rad] of the joints
+LOW, HIGH = np.array([-3.0, -1.2, -2.6, 0.0, -2.0]), np.array([3.0, 0.2, -1.2, 1.2, 0.5])
 
 
 def random_drive_problem(seed: int, *, over_terrain: bool) -> zs.Problem:
@@ -133,8 +167,13 @@ def random_drive_problem(seed: int, *, over_terrain: bool) -> zs.Problem:
     rng = np.random.default_rng([4, seed])
     for _ in range(DRAWS):
         (roll, pitch), mass = rng.uniform(-20.0, 20.0, 2), rng.uniform(1500.0, 5500.0)
-        waves = [(rng.uniform(0.0, 0.12), rng.uniform(16.0, 40.0), *rng.uniform(0.0, 6.3, 2)) for _ in range(2)]
-        scene = Scene("feller_buncher", FOOTPRINT, Tree(mass), roll=np.deg2rad(roll), pitch=np.deg2rad(pitch))
+        waves = [
+            (rng.uniform(0.0, 0.12), rng.uniform(16.0, 40.0), *rng.uniform(0.0, 6.3, 2))
+            for _ in range(2)
+        ]
+        scene = Scene(
+            "feller_buncher", FOOTPRINT, Tree(mass), roll=np.deg2rad(roll), pitch=np.deg2rad(pitch)
+        )
         machine = scene.load()
         lower, upper = machine.limits.position_lower, machine.limits.position_upper
         start, goal = (np.clip(rng.uniform(LOW, HIGH), lower, upper) for _ in range(2))
@@ -144,7 +183,9 @@ def random_drive_problem(seed: int, *, over_terrain: bool) -> zs.Problem:
         if over_terrain:
             ground = rolling_map(roll, pitch, waves=waves, low=(-18.0, -18.0), high=(18.0, 18.0))
         try:
-            return zs.Problem(machine, start, goal, ground=ground, base=base((0.0, 0.0, yaw), end), margin=0.05)
+            return zs.Problem(
+                machine, start, goal, ground=ground, base=base((0.0, 0.0, yaw), end), margin=0.05
+            )
         except zs.ProblemError:
             continue
     raise ValueError(f"no problem in {DRAWS} draws of seed {seed}")

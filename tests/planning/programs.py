@@ -9,8 +9,8 @@ import numpy as np
 import zmp_sqp as zs
 from tests.checks import central_differences
 from tests.problems import GRAVITY
-from zmp_sqp.planning.driving import DrivingTranscription
-from zmp_sqp.planning.transcription import PathBounds, Transcription
+from zmp_sqp.planning.program.driving.transcription import DrivingTranscription
+from zmp_sqp.planning.program.transcription import PathBounds, Transcription
 
 __all__ = [
     "CURVATURE",
@@ -24,7 +24,7 @@ __all__ = [
     "closed",
     "lagrangian_gradient",
     "path_bounds",
-]  # fmt: skip
+]
 
 Program = Transcription | DrivingTranscription
 DERIVATIVE = 2e-7  # central differences with a step of 1e-6 on rows of order one
@@ -38,10 +38,14 @@ def path_bounds(machine: zs.Machine, n: int, *, lower: float, upper: float) -> P
     """Bounds of n coordinates that are within an order of magnitude of what the tests' points do."""
     assert machine.support is not None
     return PathBounds(
-        position_lower=np.full(n, lower), position_upper=np.full(n, upper), velocity=np.full(n, 0.8),
-        acceleration=np.linspace(1.0, 1.6, n), wrench_rows=machine.support.wrench_rows(0.05),
-        weight=machine.mass * GRAVITY, least_duration=1.0,
-    )  # fmt: skip
+        position_lower=np.full(n, lower),
+        position_upper=np.full(n, upper),
+        velocity=np.full(n, 0.8),
+        acceleration=np.linspace(1.0, 1.6, n),
+        wrench_rows=machine.support.wrench_rows(0.05),
+        weight=machine.mass * GRAVITY,
+        least_duration=1.0,
+    )
 
 
 def closed(nlp: Program, seed: int = 0) -> np.ndarray:
@@ -73,4 +77,6 @@ def check_curvature_along_closed_gaps(nlp: Program) -> None:
     expected = central_differences(
         lambda move: Z.T @ lagrangian_gradient(nlp, x + Z @ move, y, z), np.zeros(Z.shape[1])
     )
-    np.testing.assert_allclose(found, expected, atol=CURVATURE * max(1.0, float(np.abs(expected).max())))
+    np.testing.assert_allclose(
+        found, expected, atol=CURVATURE * max(1.0, float(np.abs(expected).max()))
+    )

@@ -14,10 +14,10 @@ from scipy.integrate import cumulative_simpson
 import zmp_sqp as zs
 from tests.planning.driving import base, retreat, rolling_map
 from tests.problems import PAPER_GOAL, PAPER_START, paper_scene
-from zmp_sqp.planning import place_error
-from zmp_sqp.planning.base_check import ARRIVAL, CORRIDOR, corridor_excess
-from zmp_sqp.planning.messages import failure_message
-from zmp_sqp.planning.unicycle_motion import UnicycleMotion
+from zmp_sqp.motion.unicycle_motion import UnicycleMotion
+from zmp_sqp.planning.proof import path_error
+from zmp_sqp.planning.proof.base_check import ARRIVAL, CORRIDOR, corridor_excess
+from zmp_sqp.planning.search.messages import failure_message
 
 GRID = np.arange(-6.0, 6.01, 0.1)
 X, Y = np.meshgrid(GRID, GRID, indexing="ij")
@@ -42,7 +42,9 @@ def test_a_base_that_arrives_at_another_speed_has_not_arrived() -> None:
 
 
 @pytest.mark.parametrize(("x", "y", "width"), [(1.2, 1.0, 0.5), (1.7, 0.65, 0.3)])
-def test_a_machine_that_stands_on_ground_its_tracks_cannot_follow_is_refused(x: float, y: float, width: float) -> None:
+def test_a_machine_that_stands_on_ground_its_tracks_cannot_follow_is_refused(
+    x: float, y: float, width: float
+) -> None:
     """The second bump stands between the ways to the corners and to the middles of the edges."""
     ground, machine = bump(x, y, height=0.8, width=width), paper_scene().load()
     with pytest.raises(zs.ProblemError, match="too rough for the tracks"):
@@ -60,7 +62,9 @@ def test_a_map_need_not_hold_its_origin() -> None:
         way = base(start=(shift, shift, 0.0), goal=(shift + 2.0, shift + 0.2, 0.2))
         plan = zs.plan(zs.Problem(machine, PAPER_START, PAPER_GOAL, ground, base=way, intervals=20))
         assert plan.success, plan.message
-        assert np.isfinite(zs.trajectory_zmp(machine, plan.trajectory, plan.duration / 2, ground)).all()
+        assert np.isfinite(
+            zs.trajectory_zmp(machine, plan.trajectory, plan.duration / 2, ground)
+        ).all()
         durations.append(plan.duration)
     assert durations[0] == pytest.approx(durations[1], rel=1e-6)
 
@@ -79,7 +83,9 @@ def test_stamps_that_contradict_the_times_are_refused(tmp_path: Path) -> None:
 
 def test_a_motion_that_tips_the_machine_is_not_safe_whatever_margin_is_asked_for() -> None:
     machine = paper_scene().load()
-    found = zs.certify(machine, zs.phase_plane(machine, PAPER_START, PAPER_GOAL), paper_scene().ground, margin=-5.0)
+    found = zs.certify(
+        machine, zs.phase_plane(machine, PAPER_START, PAPER_GOAL), paper_scene().ground, margin=-5.0
+    )
     assert -5.0 < found.margin < -0.3
     assert not found.safe
 
@@ -101,7 +107,9 @@ def test_rows_of_the_wrong_length_are_refused_and_a_byte_order_mark_is_not(tmp_p
 def test_a_base_arrives_at_goals_nearer_than_a_millimetre_or_the_plan_fails() -> None:
     machine = paper_scene().load()
     for goal in ((0.0, 0.0009, 0.0), (0.0009, 0.0, 0.0), (0.0, 0.002, 0.0)):
-        plan = zs.plan(zs.Problem(machine, PAPER_START, PAPER_START, base=base(goal=goal), intervals=20))
+        plan = zs.plan(
+            zs.Problem(machine, PAPER_START, PAPER_START, base=base(goal=goal), intervals=20)
+        )
         if plan.success:
             assert np.abs(plan.trajectory.base(plan.duration)[0] - goal).max() <= 1e-5
 
@@ -110,7 +118,9 @@ def arc(intervals: int, ground: Any = None, **options: Any) -> zs.Plan:
     """Drive 4 m on an arc that bulges by 0.2 m, the arm at rest."""
     moving, scene = base(start=(0.0, 0.0, 0.4), goal=(4.0, 0.0, -0.4), **options), paper_scene()
     machine, ground = scene.load(), scene.ground if ground is None else ground
-    return zs.plan(zs.Problem(machine, PAPER_START, PAPER_START, ground, base=moving, intervals=intervals))
+    return zs.plan(
+        zs.Problem(machine, PAPER_START, PAPER_START, ground, base=moving, intervals=intervals)
+    )
 
 
 def furthest(motion: zs.Trajectory) -> float:
@@ -137,8 +147,11 @@ def test_bounds_of_a_base_hold_between_the_nodes_too(intervals: int) -> None:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_the_excess_over_a_bound_is_that_of_the_unicycle_integrated_by_other_means(seed: int) -> None:
-    rng, t = np.random.default_rng(seed), np.linspace(0.0, 3.0, 4)  # three long intervals, turning by radians
+def test_the_excess_over_a_bound_is_that_of_the_unicycle_integrated_by_other_means(
+    seed: int,
+) -> None:
+    # three long intervals, turning by radians
+    rng, t = np.random.default_rng(seed), np.linspace(0.0, 3.0, 4)
     push, jerk = rng.uniform(-2.0, 2.0, (2, 3, 2))
     rates = np.vstack([np.zeros(2), np.cumsum(push + 0.5 * jerk, axis=0)])
     turned = np.cumsum(rates[:-1, 1] + 0.5 * push[:, 1] + jerk[:, 1] / 6.0)
@@ -177,7 +190,9 @@ def test_a_motion_from_elsewhere_arrives_where_a_plan_has_to() -> None:
         found = zs.certify(machine, motion, ground, base=asked)
         assert found.limits_ok is arrived
         assert found.safe is arrived
-    assert "ends 0.0001 m beside the goal of the base (1e-05 m and rad count as there)" in found.fault
+    assert (
+        "ends 0.0001 m beside the goal of the base (1e-05 m and rad count as there)" in found.fault
+    )
 
 
 def test_a_plan_arrives_on_a_coarse_grid_to_a_nanometre() -> None:
@@ -194,12 +209,17 @@ def test_a_goal_across_the_heading_is_reached_or_said_to_be_out_of_reach() -> No
     few = zs.plan(scene.problem(PAPER_START, PAPER_START, base=base(goal=across), intervals=3))
     assert few.status is zs.Status.BASE
     assert "m beside the goal of the base" in few.message
-    assert "the goal lies 0.9 mm across the heading, and tracks do not slip sideways: plan by way of" in few.message
+    assert (
+        "the goal lies 0.9 mm across the heading, and tracks do not slip sideways: plan by way of"
+        in few.message
+    )
 
 
 def test_a_violation_below_a_millimetre_is_not_called_zero() -> None:
     _, plan = retreat()
-    near = replace(plan.certificate, margin=plan.problem.margin - 2e-5, sampled=plan.problem.margin - 1e-5)
+    near = replace(
+        plan.certificate, margin=plan.problem.margin - 2e-5, sampled=plan.problem.margin - 1e-5
+    )
     message = failure_message(plan.problem, zs.Status.TIME_BUDGET, near)
     assert "by 0.02 mm" in message
     assert "0.000" not in message
@@ -212,7 +232,9 @@ def spin(yaw_rate: float, speed: float, *, steps: int = 10) -> zs.Trajectory:
     """Turn over rolling ground at a constant rate for two seconds, the arm at rest."""
     t, still = np.linspace(0.0, 2.0, steps + 1), np.zeros((steps, 2))
     rates = np.tile([speed, yaw_rate], (steps + 1, 1))
-    drive = UnicycleMotion.from_start(t, np.zeros(3), rates, yaw_rate * t, (still, still), rolling_map(0.0))
+    drive = UnicycleMotion.from_start(
+        t, np.zeros(3), rates, yaw_rate * t, (still, still), rolling_map(0.0)
+    )
     q, v = np.tile(PAPER_START, (steps + 1, 1)), np.zeros((steps + 1, 5))
     return zs.Trajectory(paper_scene().load().joint_names, t, q, v, v[:-1], base=drive)
 
@@ -226,7 +248,7 @@ def test_a_base_that_turns_fast_over_terrain_has_a_margin_or_a_reason_why_not(
     assert np.isfinite(found.margin)
     assert found.margin == pytest.approx(found.sampled, abs=0.05)
     assert not found.doubt
-    monkeypatch.setattr(place_error, "STRAY", 1e-9)  # [m] as if its path were known that badly
+    monkeypatch.setattr(path_error, "STRAY", 1e-9)  # [m] as if its path were known that badly
     found = zs.certify(machine, motion, motion.base.ground)
     assert found.margin == -np.inf
     assert np.isfinite(found.sampled)

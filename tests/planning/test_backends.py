@@ -46,7 +46,9 @@ def test_every_solver_gives_the_same_duration_on_paper_1(name: str, qp_solver: s
 
 @pytest.mark.parametrize("qp_solver", OTHERS)
 @pytest.mark.parametrize("name", ["slider", "seed 29"])
-def test_every_solver_gives_the_same_duration_where_the_zmp_costs_time(name: str, qp_solver: str) -> None:
+def test_every_solver_gives_the_same_duration_where_the_zmp_costs_time(
+    name: str, qp_solver: str
+) -> None:
     _, plan = planned(name)
     assert plan.duration > 1.005 * plan.lower_bound
     agrees(name, qp_solver)
@@ -70,7 +72,8 @@ def test_native_piqp_is_safe_where_the_zmp_costs_time_and_at_least_as_fast() -> 
 
 def test_the_default_solver_does_the_work_itself_on_paper_1() -> None:
     _, plan = planned("paper_1")
-    assert {record.backend for record in plan.history} <= {"proxqp", "restoration"}  # none fell back to another
+    # none fell back to another
+    assert {record.backend for record in plan.history} <= {"proxqp", "restoration"}
     assert plan.qp_solver == "proxqp"
 
 
@@ -80,14 +83,17 @@ def test_the_history_says_what_every_iteration_did() -> None:
     for record in plan.history:
         assert record.inner_iterations > 0
         assert record.rows > 0
-        assert record.backend in ("proxqp", "daqp", "piqp", "restoration")  # large QPs go to PIQP at once
+        # large QPs go to PIQP at once
+        assert record.backend in ("proxqp", "daqp", "piqp", "restoration")
         assert 0.0 < record.step <= 1.0
         assert record.violation >= 0.0
         assert record.time > 0.0
     assert plan.history[-1].violation <= 1e-6
 
 
-def test_where_the_bound_can_be_kept_one_qp_in_one_round_is_enough(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_the_bound_can_be_kept_one_qp_in_one_round_is_enough(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """A second round for rows that are missed by little would cost as much again (docs/notes.md)."""
     sizes: list[int] = []
     solve = ProxQP.solve

@@ -10,9 +10,17 @@ import pytest
 import zmp_sqp as zs
 from tests.checks import Oracle
 from tests.problems import FOOTPRINT, GRAVITY, PAPER_GOAL, PAPER_START, Scene, Tree, paper_scene
-from zmp_sqp.planning.base_bound import base_acceleration_bound, moving_base_zmp, plan_base
-from zmp_sqp.planning.base_motion import BaseMotion, asymmetric_profile, driven_trajectory
-from zmp_sqp.planning.double_integrator import minimum_time
+from zmp_sqp.motion.double_integrator import minimum_time
+from zmp_sqp.planning.closed_forms.base_bound import (
+    base_acceleration_bound,
+    moving_base_zmp,
+    plan_base,
+)
+from zmp_sqp.planning.closed_forms.base_motion import (
+    BaseMotion,
+    asymmetric_profile,
+    driven_trajectory,
+)
 
 SLOPE = np.deg2rad(15.0)
 PAPER_DURATION = 4.5  # [s] test 2 of the paper
@@ -27,7 +35,14 @@ LEVEL = zs.Slope()
 
 def paper_2(*, point_masses: bool) -> Scene:
     """15 degrees to the left, 15 degrees nose down."""
-    return Scene("feller_buncher", FOOTPRINT, Tree(4000.0), roll=-SLOPE, pitch=SLOPE, point_masses=point_masses)
+    return Scene(
+        "feller_buncher",
+        FOOTPRINT,
+        Tree(4000.0),
+        roll=-SLOPE,
+        pitch=SLOPE,
+        point_masses=point_masses,
+    )
 
 
 @pytest.fixture(
@@ -42,7 +57,9 @@ def second_test(request) -> tuple[Scene, zs.Machine, zs.Plan]:
     return scene, problem.machine, zs.plan(problem)
 
 
-def independent_excess(scene: Scene, arm: zs.Trajectory, base: BaseMotion, *, samples: int = 4001) -> float:
+def independent_excess(
+    scene: Scene, arm: zs.Trajectory, base: BaseMotion, *, samples: int = 4001
+) -> float:
     """Farthest that the ZMP of arm and base together stands outside an edge [m], by a model of the test's own."""
     oracle, gravity = Oracle(scene), None
     gravity = oracle.model.gravity.linear.copy()
@@ -59,7 +76,8 @@ def test_test_2_of_the_paper_takes_4_5_seconds_with_the_zmp_inside(second_test):
     scene, machine, plan = second_test
     assert plan.duration == pytest.approx(PAPER_DURATION, rel=TENTH_OF_A_PERCENT)
     base = plan_base(machine, plan.trajectory, scene.ground, distance=-2.0, **LIMITS)
-    assert base.duration == pytest.approx(PAPER_DURATION, rel=TENTH_OF_A_PERCENT)  # it ends with the arm
+    # it ends with the arm
+    assert base.duration == pytest.approx(PAPER_DURATION, rel=TENTH_OF_A_PERCENT)
     assert (base.factor, base.shrunk) == (1.0, False)  # eq. (21) holds as it stands
     assert base.margin >= -SAMPLED
     assert independent_excess(scene, plan.trajectory, base) <= SAMPLED
@@ -90,8 +108,12 @@ def test_the_bound_is_exact_where_nothing_moves_but_the_base():
     ground = zs.Slope(pitch=0.1)
     q = np.array([[0.4, *PAPER_START[1:]]] * 2)
     still = zs.Trajectory(machine.joint_names, [0.0, 1.0], q, 0.0 * q, 0.0 * q[:1])
-    for push, edge in zip(base_acceleration_bound(machine, still, ground), (2.5, -2.5), strict=True):
-        base = zs.Trajectory(("base",), [0.0, 1.0], [[0.0], [0.5 * push]], [[0.0], [push]], [[push]])
+    for push, edge in zip(
+        base_acceleration_bound(machine, still, ground), (2.5, -2.5), strict=True
+    ):
+        base = zs.Trajectory(
+            ("base",), [0.0, 1.0], [[0.0], [0.5 * push]], [[0.0], [push]], [[push]]
+        )
         _, points = moving_base_zmp(machine, still, base, ground)
         np.testing.assert_allclose(points[:, 0], edge, atol=ROUNDING)
 
@@ -117,11 +139,15 @@ def test_the_slope_of_the_zmp_is_that_of_equation_21():
     for one in zip(q, v, a, strict=True):
         heights, lifts, masses = point_motions(oracle, *one)
         slopes.append(-(masses @ heights) / (masses @ (lifts - oracle.model.gravity.linear[2])))
-    np.testing.assert_allclose((zmps[1] - zmps[0])[:, 0] / 0.3, slopes, atol=1e-6)  # second differences below
-    np.testing.assert_allclose(zmps[1][:, 1], zmps[0][:, 1], atol=ROUNDING)  # sideways nothing changes
+    # second differences below
+    np.testing.assert_allclose((zmps[1] - zmps[0])[:, 0] / 0.3, slopes, atol=1e-6)
+    # sideways nothing changes
+    np.testing.assert_allclose(zmps[1][:, 1], zmps[0][:, 1], atol=ROUNDING)
 
 
-def point_motions(oracle: Oracle, q, v, a, *, step: float = 1e-4) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def point_motions(
+    oracle: Oracle, q, v, a, *, step: float = 1e-4
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Heights [m], their accelerations by second differences, and masses of the oracle's points."""
     import pinocchio as pin
 
@@ -129,17 +155,23 @@ def point_motions(oracle: Oracle, q, v, a, *, step: float = 1e-4) -> tuple[np.nd
     for t in (-step, 0.0, step):
         full = np.concatenate([[0, 0, 0, 0, 0, 0, 1.0], q + t * v + 0.5 * t**2 * a])
         pin.forwardKinematics(oracle.model, oracle.data, full)
-        heights.append(np.array([oracle.data.oMi[joint].act(lever)[2] for joint, _, lever in oracle.points]))
+        heights.append(
+            np.array([oracle.data.oMi[joint].act(lever)[2] for joint, _, lever in oracle.points])
+        )
     lifts = (heights[2] - 2.0 * heights[1] + heights[0]) / step**2
     return heights[1], lifts, np.array([mass for _, mass, _ in oracle.points])
 
 
-@pytest.mark.parametrize(("arm", "distance"), [((BOOM_UP, BOOM_DOWN), 5.0), ((BOOM_DOWN, BOOM_UP), -5.0)])
+@pytest.mark.parametrize(
+    ("arm", "distance"), [((BOOM_UP, BOOM_DOWN), 5.0), ((BOOM_DOWN, BOOM_UP), -5.0)]
+)
 def test_the_bound_shrinks_where_the_arm_s_vertical_acceleration_counts(arm, distance):
     """While the boom begins to fall, the ground carries less and the ZMP is at its rearmost: (21) as it stands tips."""
     machine = paper_scene(point_masses=False).load().with_support(WIDE)
     trajectory = zs.phase_plane(machine, *arm)
-    base = plan_base(machine, trajectory, LEVEL, distance=distance, max_speed=10.0, max_acceleration=50.0)
+    base = plan_base(
+        machine, trajectory, LEVEL, distance=distance, max_speed=10.0, max_acceleration=50.0
+    )
     assert base.shrunk
     assert 0.8 < base.factor < 0.95
     assert 0.0 <= base.margin < 1e-2  # no more than needed
@@ -172,9 +204,13 @@ def test_a_longer_way_makes_the_arm_wait_at_its_goal():
     times, points = moving_base_zmp(machine, arm, base, LEVEL)
     coasting = (times > 3.0 / 0.5) & (times < base.duration - 3.0 / 0.5)
     at_rest = zs.zmp(machine, PAPER_GOAL, np.zeros(5), np.zeros(5), LEVEL)
-    np.testing.assert_allclose(points[coasting], np.tile(at_rest, (coasting.sum(), 1)), atol=ROUNDING)
+    np.testing.assert_allclose(
+        points[coasting], np.tile(at_rest, (coasting.sum(), 1)), atol=ROUNDING
+    )
     position, speed, acceleration = base(np.array([0.0, 8.0]))
-    np.testing.assert_allclose([position[1], speed[1], acceleration[1]], [-0.5 * 6.0 * 3.0 - 2.0 * 3.0, -3.0, 0.0])
+    np.testing.assert_allclose(
+        [position[1], speed[1], acceleration[1]], [-0.5 * 6.0 * 3.0 - 2.0 * 3.0, -3.0, 0.0]
+    )
 
 
 @pytest.mark.parametrize("distance", [0.5, -3.0, 12.0])
@@ -200,7 +236,9 @@ def test_what_cannot_be_is_refused():
     machine = paper_scene(point_masses=True).load()
     steep = zs.Slope(roll=-np.deg2rad(20.0))
     blind = zs.phase_plane(machine, PAPER_START, PAPER_GOAL)
-    with pytest.raises(zs.ProblemError, match="the arm's motion alone misses the margin of 0 m from the left edge"):
+    with pytest.raises(
+        zs.ProblemError, match="the arm's motion alone misses the margin of 0 m from the left edge"
+    ):
         plan_base(machine, blind, steep, distance=-2.0, **LIMITS)
     wide = machine.with_support(WIDE)
     for name in LIMITS:
@@ -210,8 +248,16 @@ def test_what_cannot_be_is_refused():
         plan_base(wide, blind, LEVEL, distance=-2.0, **LIMITS, margin=-0.1)
     with pytest.raises(zs.ProblemError, match="distance must be finite"):
         plan_base(wide, blind, LEVEL, distance=np.nan, **LIMITS)
-    with pytest.raises(zs.ProblemError, match="the trajectory's joints are base, the machine's slew"):
-        plan_base(wide, zs.Trajectory(("base",), [0, 1], [[0], [0]], [[0], [0]], [[0]]), LEVEL, distance=1.0, **LIMITS)
+    with pytest.raises(
+        zs.ProblemError, match="the trajectory's joints are base, the machine's slew"
+    ):
+        plan_base(
+            wide,
+            zs.Trajectory(("base",), [0, 1], [[0], [0]], [[0], [0]], [[0]]),
+            LEVEL,
+            distance=1.0,
+            **LIMITS,
+        )
 
 
 def test_an_arm_on_the_front_edge_leaves_the_base_no_room():
@@ -220,7 +266,8 @@ def test_an_arm_on_the_front_edge_leaves_the_base_no_room():
     front = float(zs.zmp(machine, PAPER_START, np.zeros(5), np.zeros(5), LEVEL)[0])
     short = zs.SupportPolygon([[-2.5, -1.6], [front, -1.6], [front, 1.6], [-2.5, 1.6]])
     with pytest.raises(
-        zs.ProblemError, match="no base motion is safe beside this arm motion: its ZMP comes up to the front"
+        zs.ProblemError,
+        match="no base motion is safe beside this arm motion: its ZMP comes up to the front",
     ):
         plan_base(machine.with_support(short), arm, LEVEL, distance=1.0, **LIMITS)
 
@@ -240,7 +287,9 @@ def test_heights_count_from_the_support_plane():
 def test_arm_and_base_in_one_trajectory_are_the_same_motion(distance: float) -> None:
     machine, start = zs.load_machine("feller_buncher"), np.array([1.0, -2.0, 0.7])
     arm = zs.phase_plane(machine, BOOM_DOWN, [1.0, *BOOM_UP[1:]])
-    base = asymmetric_profile(distance, forward=1.0, backward=2.0, max_speed=1.5, least_duration=0.0)
+    base = asymmetric_profile(
+        distance, forward=1.0, backward=2.0, max_speed=1.5, least_duration=0.0
+    )
     whole = driven_trajectory(arm, base, start)
     assert whole.duration == max(arm.duration, base.duration)
     t = np.linspace(0.0, whole.duration, 301)[:-1]

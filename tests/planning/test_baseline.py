@@ -9,20 +9,23 @@ from scipy.optimize import brentq, linprog
 import zmp_sqp as zs
 from tests.checks import joint_limit_excess
 from tests.problems import double_integrator_time, random_scene
-from zmp_sqp.planning.double_integrator import grid_minimum_time, grid_profile, minimum_time
+from zmp_sqp.motion.double_integrator import grid_minimum_time, grid_profile, minimum_time
 
 EXACT = 1e-9
 ROUNDING = 1e-12
 SEEDS = range(20)
 
 
-# --- one joint in continuous time -------------------------------------------------------------------------------------
+# --- one joint in continuous time
+# -------------------------------------------------------------------------------------
 
 
 def motion(found: object, distance: float, v0: float) -> tuple[np.ndarray, np.ndarray]:
     """Positions and rates at the switching times, by integration of the phases."""
     q, v = [0.0], [v0]
-    for duration, a in zip(found.phases, (found.acceleration, 0.0, -found.acceleration), strict=True):  # type: ignore
+    for duration, a in zip(
+        found.phases, (found.acceleration, 0.0, -found.acceleration), strict=True
+    ):  # type: ignore
         q.append(q[-1] + duration * v[-1] + 0.5 * duration**2 * a)
         v.append(v[-1] + duration * a)
     return np.array(q), np.array(v)
@@ -34,7 +37,9 @@ def test_minimum_time_is_a_motion_that_arrives_within_the_limits(seed: int) -> N
     v_max, a_max = rng.uniform(0.2, 2.0, 2)
     v0, v1 = rng.uniform(-v_max, v_max, 2)
     distance = rng.normal(0.0, 2.0)
-    found = minimum_time(distance, max_velocity=v_max, max_acceleration=a_max, start_velocity=v0, goal_velocity=v1)
+    found = minimum_time(
+        distance, max_velocity=v_max, max_acceleration=a_max, start_velocity=v0, goal_velocity=v1
+    )
     q, v = motion(found, distance, v0)
     assert min(found.phases) >= -ROUNDING
     assert q[-1] == pytest.approx(distance, abs=EXACT)
@@ -49,14 +54,18 @@ def test_no_sampled_control_is_faster_than_minimum_time(seed: int) -> None:
     v_max, a_max = rng.uniform(0.3, 1.5, 2)
     v0, v1 = rng.uniform(-v_max, v_max, 2)
     distance = rng.normal(0.0, 1.5)
-    found = minimum_time(distance, max_velocity=v_max, max_acceleration=a_max, start_velocity=v0, goal_velocity=v1)
+    found = minimum_time(
+        distance, max_velocity=v_max, max_acceleration=a_max, start_velocity=v0, goal_velocity=v1
+    )
     N = 150
     if found.duration > 1e-3:
         assert reach(0.97 * found.duration, N, distance, v_max, a_max, v0, v1) > 1e-6
         assert reach(1.03 * found.duration, N, distance, v_max, a_max, v0, v1) <= 1e-9
 
 
-def reach(T: float, N: int, distance: float, v_max: float, a_max: float, v0: float, v1: float) -> float:
+def reach(
+    T: float, N: int, distance: float, v_max: float, a_max: float, v0: float, v1: float
+) -> float:
     """Least distance from the goal state that piecewise constant accelerations get to in N steps of T / N, by LP."""
     h = T / N
     rates = h * np.tril(np.ones((N, N)))  # node rates 1..N
@@ -83,7 +92,8 @@ def test_rest_to_rest_is_the_closed_form(distance: float) -> None:
     assert found.duration == pytest.approx(expected, rel=ROUNDING, abs=1e-15)
 
 
-# --- one joint on a grid ----------------------------------------------------------------------------------------------
+# --- one joint on a grid
+# ----------------------------------------------------------------------------------------------
 
 
 def farthest(T: float, N: int, v_max: float, a_max: float) -> float:
@@ -99,31 +109,52 @@ def farthest(T: float, N: int, v_max: float, a_max: float) -> float:
 def test_grid_minimum_time_is_the_root_that_bisection_finds(N: int, distance: float) -> None:
     v_max, a_max = 0.8, 1.7
     found = grid_minimum_time(
-        np.array([distance]), max_velocity=np.array([v_max]), max_acceleration=np.array([a_max]), intervals=N
+        np.array([distance]),
+        max_velocity=np.array([v_max]),
+        max_acceleration=np.array([a_max]),
+        intervals=N,
     )
     high = 4.0 * double_integrator_time(distance, max_velocity=v_max, max_acceleration=a_max) + 1.0
-    root = brentq(lambda T: farthest(T, N, v_max, a_max) - distance, 0.0, high, xtol=1e-14, rtol=1e-14)
+    root = brentq(
+        lambda T: farthest(T, N, v_max, a_max) - distance, 0.0, high, xtol=1e-14, rtol=1e-14
+    )
     assert found == pytest.approx(root, rel=1e-10)
-    assert found >= double_integrator_time(distance, max_velocity=v_max, max_acceleration=a_max) * (1.0 - ROUNDING)
+    assert found >= double_integrator_time(distance, max_velocity=v_max, max_acceleration=a_max) * (
+        1.0 - ROUNDING
+    )
 
 
 @pytest.mark.parametrize("N", [2, 5, 20])
 def test_no_linear_program_beats_the_grids_minimum_time(N: int) -> None:
     for distance in (0.05, 0.7, 3.0):
         T = grid_minimum_time(
-            np.array([distance]), max_velocity=np.array([0.8]), max_acceleration=np.array([1.7]), intervals=N
+            np.array([distance]),
+            max_velocity=np.array([0.8]),
+            max_acceleration=np.array([1.7]),
+            intervals=N,
         )
         assert reach(T * (1.0 + 1e-6), N, distance, 0.8, 1.7, 0.0, 0.0) <= 1e-9
         assert reach(T * (1.0 - 1e-4), N, distance, 0.8, 1.7, 0.0, 0.0) > 1e-8
 
 
 def test_the_slowest_joint_decides_on_the_grid() -> None:
-    distance, v, a = np.array([0.1, -2.0, 0.0, 0.7]), np.array([0.5, 0.9, 1.0, 0.2]), np.array([1.0, 0.6, 1.0, 3.0])
+    distance, v, a = (
+        np.array([0.1, -2.0, 0.0, 0.7]),
+        np.array([0.5, 0.9, 1.0, 0.2]),
+        np.array([1.0, 0.6, 1.0, 3.0]),
+    )
     alone = [
-        grid_minimum_time(distance[i : i + 1], max_velocity=v[i : i + 1], max_acceleration=a[i : i + 1], intervals=20)
+        grid_minimum_time(
+            distance[i : i + 1],
+            max_velocity=v[i : i + 1],
+            max_acceleration=a[i : i + 1],
+            intervals=20,
+        )
         for i in range(4)
     ]
-    assert grid_minimum_time(distance, max_velocity=v, max_acceleration=a, intervals=20) == pytest.approx(max(alone))
+    assert grid_minimum_time(
+        distance, max_velocity=v, max_acceleration=a, intervals=20
+    ) == pytest.approx(max(alone))
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -139,17 +170,22 @@ def test_grid_profile_arrives_within_the_limits(seed: int) -> None:
         h = duration / N
         rates = h * np.vstack([np.zeros(n), np.cumsum(found, axis=0)])
         places = h * 0.5 * (rates[1:] + rates[:-1]).sum(axis=0)
-        np.testing.assert_allclose(places, distance, rtol=EXACT, atol=EXACT * np.abs(distance).max())
+        np.testing.assert_allclose(
+            places, distance, rtol=EXACT, atol=EXACT * np.abs(distance).max()
+        )
         np.testing.assert_allclose(rates[-1], 0.0, atol=EXACT)
         assert (np.abs(found) <= a * (1.0 + EXACT)).all()
         assert (np.abs(rates) <= v * (1.0 + EXACT)).all()
 
 
-# --- phase plane ------------------------------------------------------------------------------------------------------
+# --- phase plane
+# ------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_phase_plane_is_synchronised_within_the_limits_and_as_fast_as_its_slowest_joint(seed: int) -> None:
+def test_phase_plane_is_synchronised_within_the_limits_and_as_fast_as_its_slowest_joint(
+    seed: int,
+) -> None:
     scene, (start, goal) = random_scene(seed)
     machine = scene.load()
     found = zs.phase_plane(machine, start, goal)
@@ -163,7 +199,8 @@ def test_phase_plane_is_synchronised_within_the_limits_and_as_fast_as_its_slowes
     np.testing.assert_allclose(found.positions[[0, -1]], [start, goal], atol=EXACT)
     np.testing.assert_allclose(found.velocities[[0, -1]], 0.0, atol=EXACT)
     moving = np.abs(goal - start) > 0.0
-    assert (np.abs(found.velocities[1:-1][:, moving]) > 0.0).all()  # nobody waits: all set off and arrive together
+    # nobody waits: all set off and arrive together
+    assert (np.abs(found.velocities[1:-1][:, moving]) > 0.0).all()
 
 
 def test_phase_plane_from_a_pose_to_itself_takes_no_time() -> None:
@@ -179,7 +216,9 @@ def test_phase_plane_moves_one_joint_alone() -> None:
     start = np.array([0.1, -0.5, -2.0, 0.5, -1.5])
     found = zs.phase_plane(machine, start, start + 0.3 * np.eye(5)[2])
     t = np.linspace(0.0, found.duration, 50)
-    np.testing.assert_array_equal(found(t)[0][:, [0, 1, 3, 4]], np.tile(start[[0, 1, 3, 4]], (50, 1)))
+    np.testing.assert_array_equal(
+        found(t)[0][:, [0, 1, 3, 4]], np.tile(start[[0, 1, 3, 4]], (50, 1))
+    )
 
 
 @pytest.mark.parametrize("distance", [1e-12, 1e-9, 1e-6, 1e-3])

@@ -8,7 +8,14 @@ import pytest
 import zmp_sqp as zs
 from tests.checks import check_feasibility
 from tests.planning.conftest import planned_paper_1, planned_random
-from tests.problems import PAPER_GOAL, PAPER_START, NamedProblem, double_integrator, paper_scene, slider
+from tests.problems import (
+    PAPER_GOAL,
+    PAPER_START,
+    NamedProblem,
+    double_integrator,
+    paper_scene,
+    slider,
+)
 
 SAFE = 1e-6
 EXACT = 1e-9
@@ -27,7 +34,11 @@ def test_boundary_rates_are_met_and_the_zmp_stays_inside(which: str) -> None:
     start_velocity, goal_velocity = RATES[which]
     scene = paper_scene(point_masses=False)
     problem = scene.problem(
-        PAPER_START, PAPER_GOAL, start_velocity=start_velocity, goal_velocity=goal_velocity, intervals=40
+        PAPER_START,
+        PAPER_GOAL,
+        start_velocity=start_velocity,
+        goal_velocity=goal_velocity,
+        intervals=40,
     )
     plan = zs.plan(problem)
     assert plan.success, plan.message
@@ -37,14 +48,20 @@ def test_boundary_rates_are_met_and_the_zmp_stays_inside(which: str) -> None:
     assert plan.lower_bound <= plan.duration
 
 
-def rest_of_the_way(named: NamedProblem, plan: zs.Plan, share: float) -> tuple[zs.Plan, float, float]:
+def rest_of_the_way(
+    named: NamedProblem, plan: zs.Plan, share: float
+) -> tuple[zs.Plan, float, float]:
     """Plan again from a node of the plan, with as many intervals as are left: its duration, and what was left."""
     node = round(share * plan.trajectory.intervals)
     q, v = plan.trajectory.positions[node], plan.trajectory.velocities[node]
     problem = zs.Problem(
-        named.problem.machine, q, named.problem.goal, named.problem.ground, start_velocity=v,
+        named.problem.machine,
+        q,
+        named.problem.goal,
+        named.problem.ground,
+        start_velocity=v,
         intervals=plan.trajectory.intervals - node,
-    )  # fmt: skip
+    )
     again = zs.plan(problem)
     assert again.success, again.message
     found = check_feasibility(named.scene, problem, again.trajectory)
@@ -98,7 +115,12 @@ def test_mirrored_in_time_a_start_in_motion_is_a_goal_in_motion() -> None:
 def test_start_and_goal_the_same_state_in_motion_keep_its_rates(velocity: float) -> None:
     named = double_integrator(distance=1.0, max_velocity=1.0, max_acceleration=2.0, intervals=10)
     problem = zs.Problem(
-        named.problem.machine, [0.2], [0.2], start_velocity=[velocity], goal_velocity=[velocity], intervals=10
+        named.problem.machine,
+        [0.2],
+        [0.2],
+        start_velocity=[velocity],
+        goal_velocity=[velocity],
+        intervals=10,
     )
     plan = zs.plan(problem)
     assert plan.success

@@ -20,11 +20,11 @@ from tests.checks import joint_limit_excess
 from tests.mechanics.conftest import PERMUTED, STEM, TREE_COM
 from tests.planning.conftest import planned_paper_1
 from tests.problems import slider
-from zmp_sqp.mechanics.motion_bounds import wrench_curvature_bound, wrench_size_bound
-from zmp_sqp.planning import certificate as module
-from zmp_sqp.planning.limits_in_time import limit_excess
-from zmp_sqp.planning.unicycle import UnicycleBase
-from zmp_sqp.planning.unicycle_motion import UnicycleMotion
+from zmp_sqp.mechanics.bounds.wrench_bounds import wrench_curvature_bound, wrench_size_bound
+from zmp_sqp.motion.unicycle_motion import UnicycleMotion
+from zmp_sqp.planning.problem.unicycle_base import UnicycleBase
+from zmp_sqp.planning.proof import certificate as module
+from zmp_sqp.planning.proof.limits_in_time import limit_excess
 
 Array = np.ndarray
 
@@ -32,7 +32,15 @@ ROUNDING = 1e-12  # relative to the larger of one metre and the margin itself
 LOOSE = 3e-4  # [m] that a guarantee may fall short of the truth
 EXACT = 1e-9
 SPEEDS = {"slow": 0.02, "ordinary": 0.6, "fast": 4.0, "violent": 20.0}  # [rad/s or m/s]
-MACHINES = ("feller_buncher", "rigid", "points", "slider", "slewing_crane", "permuted", "permuted with payload")
+MACHINES = (
+    "feller_buncher",
+    "rigid",
+    "points",
+    "slider",
+    "slewing_crane",
+    "permuted",
+    "permuted with payload",
+)
 LEVEL = zs.Slope()
 
 
@@ -52,10 +60,14 @@ def machine_of(name: str) -> zs.Machine:
         machine = zs.load_machine(path)
     if name == "permuted":
         return machine
-    return machine.with_payload(zs.Payload(50.0, (0.3, -0.2, 0.5), "tool", np.diag([5.0, 6.0, 7.0])))
+    return machine.with_payload(
+        zs.Payload(50.0, (0.3, -0.2, 0.5), "tool", np.diag([5.0, 6.0, 7.0]))
+    )
 
 
-def integrated(machine: zs.Machine, times: Any, q: Any, v: Any, a: Any, j: Any = None) -> zs.Trajectory:
+def integrated(
+    machine: zs.Machine, times: Any, q: Any, v: Any, a: Any, j: Any = None
+) -> zs.Trajectory:
     """Trajectory from its first state, accelerations and jerks."""
     times, a = np.asarray(times, dtype=float), np.asarray(a, dtype=float)
     j = np.zeros_like(a) if j is None else np.asarray(j, dtype=float)
@@ -85,16 +97,31 @@ def random_case(name: str, speed: float, seed: int, *, steps: Array | None = Non
     n, support = machine.size, machine.support
     assert support is not None
     if seed % 2:
-        support = zs.SupportPolygon(support.vertices + rng.uniform(-0.5, 0.5, 2), float(rng.choice([-0.5, 0.3])))
+        support = zs.SupportPolygon(
+            support.vertices + rng.uniform(-0.5, 0.5, 2), float(rng.choice([-0.5, 0.3]))
+        )
         machine = machine.with_support(support)
-    kinds = (np.array([5.0]), rng.uniform(0.02, 0.4, 6), 10.0 ** rng.uniform(-4.0, -0.3, 8), np.full(300, 1e-3))
+    kinds = (
+        np.array([5.0]),
+        rng.uniform(0.02, 0.4, 6),
+        10.0 ** rng.uniform(-4.0, -0.3, 8),
+        np.full(300, 1e-3),
+    )
     h = kinds[seed % len(kinds)] if steps is None else steps
     moving = rng.integers(0, 2, (3, n))
     push = speed / max(float(h.max()), 0.05) / np.sqrt(len(h))
-    a, j = push * moving[1] * rng.normal(size=(len(h), n)), push * moving[2] * rng.normal(size=(len(h), n)) / h[:, None]
+    a, j = (
+        push * moving[1] * rng.normal(size=(len(h), n)),
+        push * moving[2] * rng.normal(size=(len(h), n)) / h[:, None],
+    )
     times = np.concatenate([[0.0], np.cumsum(h)])
     trajectory = integrated(
-        machine, times, rng.uniform(-1.0, 1.0, n), speed * moving[0] * rng.normal(size=n), a, j * (len(h) < 100)
+        machine,
+        times,
+        rng.uniform(-1.0, 1.0, n),
+        speed * moving[0] * rng.normal(size=n),
+        a,
+        j * (len(h) < 100),
     )
     return Case(machine, trajectory, zs.Slope(*rng.uniform(-0.4, 0.4, 2)))
 
@@ -118,7 +145,9 @@ def margins(machine: zs.Machine, q: Array, v: Array, a: Array, gravity: Array) -
     inward = np.column_stack([-edges[:, 1], edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
     offsets = np.einsum("ij,ij->i", inward, support.vertices)
     with np.errstate(all="ignore"):
-        points = np.column_stack([-(ty - support.height * fx), tx + support.height * fy]) / fz[:, None]
+        points = (
+            np.column_stack([-(ty - support.height * fx), tx + support.height * fy]) / fz[:, None]
+        )
         distances = (points @ inward.T - offsets).min(axis=1)
     return np.where(fz > 0.0, distances, -np.inf)
 
@@ -140,14 +169,19 @@ def is_below(margin: float, least: float) -> bool:
     return margin == -np.inf or margin - least <= ROUNDING * max(1.0, abs(least))
 
 
-# --- the guarantee ----------------------------------------------------------------------------------------------------
+# --- the guarantee
+# ----------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("name", "speed"), list(product(MACHINES, SPEEDS)))
-def test_the_guaranteed_margin_is_below_every_sample_and_close_to_the_least(name: str, speed: str) -> None:
+def test_the_guaranteed_margin_is_below_every_sample_and_close_to_the_least(
+    name: str, speed: str
+) -> None:
     for seed in range(4):
         case = random_case(name, SPEEDS[speed], seed)
-        found = zs.certify(case.machine, case.trajectory, case.ground, margin=(0.0, -0.3, 0.2)[seed % 3])
+        found = zs.certify(
+            case.machine, case.trajectory, case.ground, margin=(0.0, -0.3, 0.2)[seed % 3]
+        )
         least = least_sampled(case)
         if least == -np.inf:
             assert found.margin == -np.inf
@@ -177,7 +211,9 @@ def test_the_interpolation_error_is_bounded_over_a_single_stretch_of_any_length(
 
 @given(seed=st.integers(0, 2**31), speed=st.floats(0.01, 20.0), name=st.sampled_from(MACHINES))
 @settings(max_examples=25, deadline=None, derandomize=True)
-def test_no_motion_that_hypothesis_finds_is_certified_above_its_samples(seed: int, speed: float, name: str) -> None:
+def test_no_motion_that_hypothesis_finds_is_certified_above_its_samples(
+    seed: int, speed: float, name: str
+) -> None:
     case = random_case(name, speed, seed)
     least = least_sampled(case, samples=2000)
     assert is_below(zs.certify(case.machine, case.trajectory, case.ground).margin, least)
@@ -186,15 +222,23 @@ def test_no_motion_that_hypothesis_finds_is_certified_above_its_samples(seed: in
 @pytest.mark.parametrize("name", MACHINES)
 def test_second_derivatives_of_the_wrench_stay_below_their_bound(name: str) -> None:
     machine = machine_of(name)
-    weights = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
+    weights = np.array(
+        [-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560]
+    )
     for seed in range(150):
         rng = np.random.default_rng(seed)
         speed = 10.0 ** rng.uniform(-1.0, 1.3)
         moving = rng.integers(0, 2, (3, machine.size))
-        v, a, j = moving * rng.normal(size=moving.shape) * np.array([[speed], [speed**2], [speed**3]])
+        v, a, j = (
+            moving * rng.normal(size=moving.shape) * np.array([[speed], [speed**2], [speed**3]])
+        )
         q, step = rng.uniform(-3.0, 3.0, machine.size), 0.02 / max(speed, 1.0)
         t = step * np.arange(-4, 5)[:, None]
-        states = (q + t * v + t**2 * a / 2.0 + t**3 * j / 6.0, v + t * a + t**2 * j / 2.0, a + t * j)
+        states = (
+            q + t * v + t**2 * a / 2.0 + t**3 * j / 6.0,
+            v + t * a + t**2 * j / 2.0,
+            a + t * j,
+        )
         gravity = zs.Slope(*rng.uniform(-1.0, 1.0, 2)).gravity()
         wrench = wrenches(machine, *states, gravity)
         second = weights @ wrench / step**2
@@ -268,7 +312,8 @@ def test_a_plan_that_hugs_the_edge_holds_at_ten_kilohertz() -> None:
     assert 0.0 <= plan.margin <= least_sampled(case, samples=int(1e4 * plan.duration)) < 1e-3
 
 
-# --- what must never be certified -------------------------------------------------------------------------------------
+# --- what must never be certified
+# -------------------------------------------------------------------------------------
 
 
 def test_a_machine_that_lifts_off_has_no_margin() -> None:
@@ -285,7 +330,11 @@ def test_a_machine_that_lifts_off_has_no_margin() -> None:
 def test_what_overflows_has_no_margin(size: float) -> None:
     machine = machine_of("permuted")
     n = machine.size
-    rest, far, motion = np.zeros((2, n)), np.full((2, n), size), np.array([[-0.5], [0.5]]) * np.full((2, n), size)
+    rest, far, motion = (
+        np.zeros((2, n)),
+        np.full((2, n), size),
+        np.array([[-0.5], [0.5]]) * np.full((2, n), size),
+    )
     names = machine.joint_names
     for trajectory in (
         zs.Trajectory(names, [0.0, 1.0], far * np.sign([[-1.0, 1.0, 1.0]]), rest, rest[:1]),
@@ -332,7 +381,11 @@ def test_an_acceleration_hidden_in_gaps_between_many_nodes_is_refused() -> None:
     q = np.vstack([np.zeros((1, 5)), np.cumsum(h * v[:-1], axis=0)])
     with pytest.raises(zs.TrajectoryError, match=r"drift|do not follow"):
         zs.certify(
-            machine, zs.Trajectory(machine.joint_names, h * np.arange(count + 1), q, v, np.zeros((count, 5))), LEVEL
+            machine,
+            zs.Trajectory(
+                machine.joint_names, h * np.arange(count + 1), q, v, np.zeros((count, 5))
+            ),
+            LEVEL,
         )
 
 
@@ -381,15 +434,20 @@ def test_a_ground_that_pulls_the_machine_up_gives_no_margin() -> None:
     assert zs.certify(machine, still(machine), Ceiling()).margin == -np.inf
 
 
-# --- how much it takes ------------------------------------------------------------------------------------------------
+# --- how much it takes
+# ------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("duration", [1e3, 1e6, 1e9])
-def test_a_long_motion_takes_no_more_states_than_the_limit(duration: float, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_long_motion_takes_no_more_states_than_the_limit(
+    duration: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     looked_at = []
     inner = module.ground_reaction
     monkeypatch.setattr(
-        module, "ground_reaction", lambda m, q, *rest, **more: looked_at.append(len(q)) or inner(m, q, *rest, **more)
+        module,
+        "ground_reaction",
+        lambda m, q, *rest, **more: looked_at.append(len(q)) or inner(m, q, *rest, **more),
     )
     machine = machine_of("slewing_crane")
     trajectory = integrated(machine, [0.0, duration], [0.0], [1e-3 / duration], [[0.0]])
@@ -409,17 +467,26 @@ def test_a_motion_at_exactly_the_asked_margin_ends() -> None:
 def test_a_motion_of_no_duration_has_the_margin_of_its_state(nodes: int) -> None:
     machine = machine_of("feller_buncher")
     rest = np.zeros((nodes, 5))
-    found = zs.certify(machine, zs.Trajectory(machine.joint_names, np.zeros(nodes), rest, rest, rest[1:]), LEVEL)
+    found = zs.certify(
+        machine, zs.Trajectory(machine.joint_names, np.zeros(nodes), rest, rest, rest[1:]), LEVEL
+    )
     static = margins(machine, rest[:1], rest[:1], rest[:1], LEVEL.gravity())[0]
     assert static - 2.0 * module.ROUNDING <= found.margin <= static
 
 
-# --- joint limits -----------------------------------------------------------------------------------------------------
+# --- joint limits
+# -----------------------------------------------------------------------------------------------------
 
 
-@given(seed=st.integers(0, 2**31), size=st.floats(1e-6, 1e6), shape=st.sampled_from(["cubic", "parabola", "line"]))
+@given(
+    seed=st.integers(0, 2**31),
+    size=st.floats(1e-6, 1e6),
+    shape=st.sampled_from(["cubic", "parabola", "line"]),
+)
 @settings(max_examples=150, deadline=None, derandomize=True)
-def test_limit_excess_is_that_of_dense_samples_and_of_bisection(seed: int, size: float, shape: str) -> None:
+def test_limit_excess_is_that_of_dense_samples_and_of_bisection(
+    seed: int, size: float, shape: str
+) -> None:
     machine = machine_of("feller_buncher")
     rng = np.random.default_rng(seed)
     h = 10.0 ** rng.uniform(-3.0, 0.5, 4)
@@ -431,7 +498,9 @@ def test_limit_excess_is_that_of_dense_samples_and_of_bisection(seed: int, size:
     found = limit_excess(machine, trajectory)[0]
     _, q, v, a = trajectory.within(np.linspace(0.0, 1.0, 500))
     over = (np.abs(v) - limits.velocity, np.abs(a) - limits.acceleration)
-    sampled = max(float(part.max()) for part in (*over, q - limits.position_upper, limits.position_lower - q))
+    sampled = max(
+        float(part.max()) for part in (*over, q - limits.position_upper, limits.position_lower - q)
+    )
     scale = max(1.0, float(np.abs(q).max()), float(np.abs(v).max()), float(np.abs(a).max()))
     assert sampled <= found + EXACT * scale
     assert found == pytest.approx(joint_limit_excess(limits, trajectory), abs=EXACT * scale)
@@ -444,7 +513,9 @@ def test_a_rate_and_a_position_that_peak_inside_an_interval_count() -> None:
     assert limit_excess(machine, rate)[0] == pytest.approx(0.5, abs=EXACT)
     # q = 8 t (1 - t): 2 m in the middle, where the limit is 1 m
     place = integrated(machine.with_limits(velocity=100.0), [0.0, 1.0], [0.0], [8.0], [[-16.0]])
-    assert limit_excess(machine.with_limits(velocity=100.0), place)[0] == pytest.approx(1.0, abs=EXACT)
+    assert limit_excess(machine.with_limits(velocity=100.0), place)[0] == pytest.approx(
+        1.0, abs=EXACT
+    )
 
 
 def test_an_interval_whose_end_is_off_its_node_counts_with_its_own_end() -> None:
@@ -474,7 +545,8 @@ def test_a_rate_a_thousand_times_a_tiny_limit_is_not_rounding() -> None:
     assert zs.certify(machine_of("slider").with_limits(velocity=1e-9), trajectory, LEVEL).limits_ok
 
 
-# --- a base that drives -----------------------------------------------------------------------------------------------
+# --- a base that drives
+# -----------------------------------------------------------------------------------------------
 
 
 def driving_case(seed: int, speed: float, steps: Array) -> Case:
@@ -505,7 +577,11 @@ def least_driving(case: Case, *, samples: int) -> float:
     q, v, a = trajectory.state_in(k, since)
     model = machine.model.copy()
     model.gravity = pin.Motion(case.ground.gravity(), np.zeros(3))
-    data, full, rates = model.createData(), machine.configuration(q), np.zeros((2, len(q), model.nv))
+    data, full, rates = (
+        model.createData(),
+        machine.configuration(q),
+        np.zeros((2, len(q), model.nv)),
+    )
     full[:, 5], full[:, 6] = np.sin(pose[:, 2] / 2.0), np.cos(pose[:, 2] / 2.0)
     for array, joints, root in ((rates[0], v, twist), (rates[1], a, push)):
         array[:, machine.index_v], array[:, [0, 5]] = joints, root
@@ -544,7 +620,9 @@ def test_a_base_that_breaks_its_limits_or_does_not_arrive_is_not_safe() -> None:
     machine = machine_of("feller_buncher")
     still_arm = still(machine, q=-0.5)
     pushes = np.zeros((1, 2)), np.zeros((1, 2))
-    drive = UnicycleMotion.from_start(still_arm.times, np.zeros(3), np.array([[0.5, 0.0]] * 2), np.zeros(2), pushes)
+    drive = UnicycleMotion.from_start(
+        still_arm.times, np.zeros(3), np.array([[0.5, 0.0]] * 2), np.zeros(2), pushes
+    )
     trajectory = replace(still_arm, base=drive)
     limits = {"max_acceleration": 1.0, "max_yaw_rate": 1.0, "max_yaw_acceleration": 1.0}
     rates = {"start_velocity": [0.5, 0.0], "goal_velocity": [0.5, 0.0]}

@@ -10,7 +10,7 @@ import pytest
 import zmp_sqp as zs
 from tests.checks import check_feasibility
 from tests.problems import NamedProblem, double_integrator, slew, slider, slider_time
-from zmp_sqp.planning.planner import GUARD
+from zmp_sqp.planning.search.planner import GUARD
 
 INSIDE = 1e-6
 
@@ -25,7 +25,8 @@ def error(named: NamedProblem) -> float:
     return plan.duration / named.optimum - 1.0
 
 
-# --- slider -----------------------------------------------------------------------------------------------------------
+# --- slider
+# -----------------------------------------------------------------------------------------------------------
 
 
 def test_slider_is_within_0_2_percent_of_its_closed_form_at_100_intervals() -> None:
@@ -55,12 +56,19 @@ def test_slider_follows_the_rear_edge_and_then_the_front_edge() -> None:
     trajectory = zs.plan(named.problem).trajectory
     h = np.diff(trajectory.times)[:, None]
     q = trajectory.positions[:-1] + 0.5 * h * trajectory.velocities[:-1]
-    x = zs.zmp(named.problem.machine, q, 0.0 * q, trajectory.accelerations + 0.5 * h * trajectory.jerks, zs.Slope())
+    x = zs.zmp(
+        named.problem.machine,
+        q,
+        0.0 * q,
+        trajectory.accelerations + 0.5 * h * trajectory.jerks,
+        zs.Slope(),
+    )
     np.testing.assert_allclose(x[:49, 0], -0.5, atol=2e-3)
     np.testing.assert_allclose(x[51:, 0], 0.5, atol=2e-3)
 
 
-# --- slew on a round foot ---------------------------------------------------------------------------------------------
+# --- slew on a round foot
+# ---------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -75,7 +83,8 @@ def test_slew_on_a_round_foot_is_within_half_a_percent_of_the_quadrature(
     assert 0.0 <= error(named) <= 5e-3
 
 
-# --- double integrator ------------------------------------------------------------------------------------------------
+# --- double integrator
+# ------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -92,7 +101,10 @@ def test_double_integrator_is_exact_when_its_switching_times_fall_on_the_grid(
     distance: float, max_velocity: float, max_acceleration: float, intervals: int
 ) -> None:
     named = double_integrator(
-        distance=distance, max_velocity=max_velocity, max_acceleration=max_acceleration, intervals=intervals
+        distance=distance,
+        max_velocity=max_velocity,
+        max_acceleration=max_acceleration,
+        intervals=intervals,
     )
     assert 0.0 <= error(named) <= 1e-6
 

@@ -27,7 +27,9 @@ def stiff_machine() -> zs.Machine:
 
 
 def numbers(message: str) -> tuple[float, float]:
-    found = re.search(r"payload could be at most (\d+) kg, or the slope at most ([\d.]+) degrees", message)
+    found = re.search(
+        r"payload could be at most (\d+) kg, or the slope at most ([\d.]+) degrees", message
+    )
     assert found is not None, message
     return float(found[1]), np.radians(float(found[2]))
 
@@ -42,13 +44,17 @@ def test_a_goal_that_tips_over_says_what_it_could_stand_and_that_is_the_most() -
         still = np.zeros(5)
         assert (zs.stability_margin(lighter, SIDEWAYS, still, still, LEFT) >= -1e-9) == stands
     for angle, stands in ((slope, True), (slope + np.radians(0.11), False)):
-        margin = zs.stability_margin(machine, SIDEWAYS, np.zeros(5), np.zeros(5), zs.Slope(roll=-angle))
+        margin = zs.stability_margin(
+            machine, SIDEWAYS, np.zeros(5), np.zeros(5), zs.Slope(roll=-angle)
+        )
         assert (margin >= -1e-9) == stands
 
 
 def test_a_pose_that_no_payload_would_save_gets_no_such_advice() -> None:
     narrow = (
-        paper_scene().load().with_support(zs.SupportPolygon([(-2.5, -1.6), (2.5, -1.6), (2.5, -1.5), (-2.5, -1.5)]))
+        paper_scene()
+        .load()
+        .with_support(zs.SupportPolygon([(-2.5, -1.6), (2.5, -1.6), (2.5, -1.5), (-2.5, -1.5)]))
     )
     with pytest.raises(zs.ProblemError, match=r"of the support polygon$"):
         zs.Problem(narrow, START, GOAL, zs.Slope())
@@ -58,7 +64,10 @@ def test_rates_from_which_nothing_can_be_saved_are_refused_and_that_is_proven() 
     """It slews so fast that no acceleration within the limits holds the arm back from the front edge."""
     machine = paper_scene().load().with_limits(velocity=20.0, acceleration=2.0)
     rates = np.array([2.5, 0.0, 0.0, 0.0, 0.0])
-    with pytest.raises(zs.ProblemError, match="at the start whatever its joints do within their acceleration limits"):
+    with pytest.raises(
+        zs.ProblemError,
+        match="at the start whatever its joints do within their acceleration limits",
+    ):
         zs.Problem(machine, START, GOAL, LEFT, start_velocity=rates)
     rng, margins = np.random.default_rng(0), []
     for _ in range(300):

@@ -16,10 +16,10 @@ import zmp_sqp as zs
 from tests.checks import joint_limit_excess
 from tests.planning.driving import base, paper_2_joint, retreat, retreat_problem, zmp_from_poses
 from tests.problems import PAPER_GOAL, PAPER_START, paper_scene
-from zmp_sqp.mechanics.motion_bounds import wrench_curvature_bound
-from zmp_sqp.mechanics.root_bounds import root_bounds
+from zmp_sqp.mechanics.bounds.root_bounds import root_bounds
+from zmp_sqp.mechanics.bounds.wrench_bounds import wrench_curvature_bound
 from zmp_sqp.mechanics.wrench import ground_reaction
-from zmp_sqp.planning.root_motion import root_motion
+from zmp_sqp.motion.root_motion import root_motion
 from zmp_sqp.scenario import SHIPPED, load_scenario
 
 EXACT = 1e-6  # [s] of a duration that must not change
@@ -37,7 +37,9 @@ def check(plan: zs.Plan) -> None:
 
 
 def drive(start: Any, goal: Any, *, arm: bool, **options: Any) -> zs.Plan:
-    problem = paper_scene().problem(PAPER_START, PAPER_GOAL if arm else PAPER_START, base=base(start, goal, **options))
+    problem = paper_scene().problem(
+        PAPER_START, PAPER_GOAL if arm else PAPER_START, base=base(start, goal, **options)
+    )
     return zs.plan(problem)
 
 
@@ -47,7 +49,9 @@ def test_an_arm_on_a_base_that_stays_takes_as_long_as_on_a_standing_one() -> Non
     check(moving)
     assert moving.duration == pytest.approx(standing.duration, abs=EXACT)
     # in between it may sway a little where that helps the ZMP
-    np.testing.assert_allclose(moving.trajectory.base.poses[[0, -1]], [[1.0, 2.0, 0.0]] * 2, atol=EXACT)
+    np.testing.assert_allclose(
+        moving.trajectory.base.poses[[0, -1]], [[1.0, 2.0, 0.0]] * 2, atol=EXACT
+    )
 
 
 def test_driving_straight_without_the_arm_takes_the_time_of_a_double_integrator() -> None:
@@ -79,7 +83,13 @@ def test_a_lateral_goal_is_reached_by_an_s() -> None:
 
 
 def test_boundaries_in_motion() -> None:
-    plan = drive((0.0, 0.0, 0.2), (4.0, 1.5, 0.5), arm=True, start_velocity=(0.8, 0.1), goal_velocity=(0.5, -0.1))
+    plan = drive(
+        (0.0, 0.0, 0.2),
+        (4.0, 1.5, 0.5),
+        arm=True,
+        start_velocity=(0.8, 0.1),
+        goal_velocity=(0.5, -0.1),
+    )
     check(plan)
     _, velocity, _ = plan.trajectory.base(np.array([0.0, plan.duration]))
     np.testing.assert_allclose(velocity, [[0.8, 0.1], [0.5, -0.1]], atol=1e-9)
@@ -127,7 +137,9 @@ def test_the_retreat_is_planned_in_few_iterations(capsys: pytest.CaptureFixture[
         pin.computeRNEADerivatives(model, data, q, v, v)
     unit = (time.perf_counter() - begun) / 10.0
     with capsys.disabled():
-        print(f"\nretreat: {plan.iterations} iterations, {1e3 * spent:.0f} ms = {spent / unit:.0f} F")
+        print(
+            f"\nretreat: {plan.iterations} iterations, {1e3 * spent:.0f} ms = {spent / unit:.0f} F"
+        )
     assert spent < FAST
 
 
@@ -153,7 +165,8 @@ def test_the_zmp_is_that_of_the_bodies_poses(planned: Any) -> None:
     scene, plan = planned()
     times = np.arange(0.002, plan.duration - 0.002, 1e-3)
     nodes = plan.trajectory.times
-    times = times[np.abs(times[:, None] - nodes).min(axis=1) > 1.1e-3]  # differences do not see jumps
+    # differences do not see jumps
+    times = times[np.abs(times[:, None] - nodes).min(axis=1) > 1.1e-3]
     ours = zs.trajectory_zmp(plan.problem.machine, plan.trajectory, times, plan.problem.ground)
     assert np.abs(zmp_from_poses(scene, plan.trajectory, times) - ours).max() < DIFFERENCES
     support = plan.problem.machine.support
@@ -189,11 +202,19 @@ def test_the_bound_on_the_wrenchs_curvature_holds_for_a_base_that_drives_and_tur
             root[:, [0, 5]] = pushes + t * jerks
             root[:, :3] -= ground.gravity(turned)
             at = q + t * v + t**2 * a / 2 + t**3 * j / 6, v + t * a + t**2 * j / 2, a + t * j
-            wrenches.append(ground_reaction(machine, *at, root_acceleration=root, root_velocity=twist)[0])
+            wrenches.append(
+                ground_reaction(machine, *at, root_acceleration=root, root_velocity=twist)[0]
+            )
         change = (wrenches[2] - 2.0 * wrenches[1] + wrenches[0]) / h**2
         peaks = np.abs(np.stack([speeds, pushes, jerks])).transpose(2, 0, 1)
         bound = wrench_curvature_bound(
-            machine, np.abs(v), np.abs(a), np.abs(j), reach=np.abs(q), gravity=9.81, base=root_bounds(peaks)
+            machine,
+            np.abs(v),
+            np.abs(a),
+            np.abs(j),
+            reach=np.abs(q),
+            gravity=9.81,
+            base=root_bounds(peaks),
         )
         assert np.linalg.norm(change[:3]) <= 1.01 * bound.force[0]
         assert np.linalg.norm(change[3:]) <= 1.01 * bound.moment[0]
@@ -202,7 +223,11 @@ def test_the_bound_on_the_wrenchs_curvature_holds_for_a_base_that_drives_and_tur
 def test_a_certificate_looks_at_the_bases_limits_and_goal() -> None:
     scene, plan = retreat()
     machine, goal = plan.problem.machine, plan.problem.base.goal
-    for changed in ({"max_speed": 1.0}, {"max_yaw_acceleration": 0.01}, {"goal": goal + np.array([0.002, 0.0, 0.0])}):
+    for changed in (
+        {"max_speed": 1.0},
+        {"max_yaw_acceleration": 0.01},
+        {"goal": goal + np.array([0.002, 0.0, 0.0])},
+    ):
         held = base(**({"goal": goal} | changed))
         assert not zs.certify(machine, plan.trajectory, scene.ground, base=held).limits_ok
     assert zs.certify(machine, plan.trajectory, scene.ground, base=plan.problem.base).safe
@@ -233,10 +258,16 @@ def test_a_trajectory_without_a_base_has_none() -> None:
         ({"start": (0.0, np.nan, 0.0)}, "base start must be finite"),
         ({"max_speed": 0.0}, "base max_speed must be positive"),
         ({"max_yaw_rate": "fast"}, "base max_yaw_rate must be a number"),
-        ({"start_velocity": (11.0, 0.0)}, r"base start_velocity: speed 11 is outside its limits \+-10"),
+        (
+            {"start_velocity": (11.0, 0.0)},
+            r"base start_velocity: speed 11 is outside its limits \+-10",
+        ),
         ({"goal_velocity": (0.0, -0.6)}, "base goal_velocity: yaw rate -0.6"),
         ({"x_bounds": (1.0, -1.0)}, "base x_bounds: the lower bound"),
-        ({"y_bounds": (-1.0, 1.0), "goal": (0.0, 2.0, 0.0)}, "base goal: y = 2 m is outside y_bounds"),
+        (
+            {"y_bounds": (-1.0, 1.0), "goal": (0.0, 2.0, 0.0)},
+            "base goal: y = 2 m is outside y_bounds",
+        ),
     ],
 )
 def test_bad_bases_are_refused_by_name(options: dict[str, Any], message: str) -> None:
@@ -264,11 +295,15 @@ def test_a_path_on_another_base_is_refused() -> None:
         zs.certify(plan.problem.machine, standing, plan.problem.ground, base=plan.problem.base)
 
 
-@pytest.mark.parametrize(("name", "planned"), [("paper_2_joint", paper_2_joint), ("retreat", retreat)])
+@pytest.mark.parametrize(
+    ("name", "planned"), [("paper_2_joint", paper_2_joint), ("retreat", retreat)]
+)
 def test_the_shipped_scenarios_are_these_problems(name: str, planned: Any) -> None:
     asked, problem = planned()[1].problem, load_scenario(name).problem
     for side in ("start", "goal"):
-        np.testing.assert_allclose(getattr(problem.base, side), getattr(asked.base, side), atol=EXACT)
+        np.testing.assert_allclose(
+            getattr(problem.base, side), getattr(asked.base, side), atol=EXACT
+        )
         np.testing.assert_allclose(getattr(problem, side), getattr(asked, side), atol=EXACT)
     assert problem.ground.gravity() == pytest.approx(asked.ground.gravity())
     plan = zs.plan(problem)

@@ -8,7 +8,8 @@ import pytest
 import zmp_sqp as zs
 from tests.driving_problems import KINDS, TOLERANCES, driving_violation, random_driving_problem
 
-SEEDS = (0, 2, 3, 5, 9, 10, 11, 18, 19, 22, 41, 44)  # every kind, in motion and in corridors among them
+# every kind, in motion and in corridors among them
+SEEDS = (0, 2, 3, 5, 9, 10, 11, 18, 19, 22, 41, 44)
 ITERATIONS = 60
 
 
@@ -34,7 +35,9 @@ def test_a_seed_is_the_same_drive_for_ever() -> None:
     """Results under benchmarks/results name seeds."""
     drawn = random_driving_problem(3)
     np.testing.assert_allclose(
-        drawn.problem.base.goal, [3.961445936969192, -0.4885157473880839, 2.427366921986571], rtol=1e-9
+        drawn.problem.base.goal,
+        [3.961445936969192, -0.4885157473880839, 2.427366921986571],
+        rtol=1e-9,
     )
     assert drawn.scene.tree is not None
     assert drawn.scene.tree.mass == pytest.approx(1834.8277478534696, rel=1e-12)

@@ -22,20 +22,30 @@ from tests.planning.programs import (
     path_bounds,
 )
 from tests.problems import FOOTPRINT, Scene, Tree
-from zmp_sqp.planning.driving import DrivingTranscription
-from zmp_sqp.planning.driving_model import DrivingModel
-from zmp_sqp.planning.hold import CONSTANT, LINEAR, Hold, slope_ties
-from zmp_sqp.planning.model import wrench_curvature
-from zmp_sqp.planning.transcription import Boundary, Transcription
+from zmp_sqp.planning.program.driving.model import DrivingModel
+from zmp_sqp.planning.program.driving.transcription import DrivingTranscription
+from zmp_sqp.planning.program.hold import CONSTANT, LINEAR, Hold, slope_ties
+from zmp_sqp.planning.program.model import wrench_curvature
+from zmp_sqp.planning.program.transcription import Boundary, Transcription
 
-ROUGH = rolling_map(-10.0, 5.0, waves=((0.6, 9.0, 0.3, 0.5), (0.4, 7.0, 1.9, 2.0)), low=(-40, -40), high=(40, 40))
+ROUGH = rolling_map(
+    -10.0, 5.0, waves=((0.6, 9.0, 0.3, 0.5), (0.4, 7.0, 1.9, 2.0)), low=(-40, -40), high=(40, 40)
+)
 SCENE = Scene("feller_buncher", FOOTPRINT, Tree(3000.0), roll=-0.2, pitch=0.15)
 
 
-def make(*, moving: bool, hold: Hold, tied: bool = False, terrain: Any = SCENE.ground) -> DrivingTranscription:
+def make(
+    *, moving: bool, hold: Hold, tied: bool = False, terrain: Any = SCENE.ground
+) -> DrivingTranscription:
     machine, rng = SCENE.load(), np.random.default_rng(7)
     v0, v1 = rng.uniform(-0.4, 0.4, (2, 7)) * moving
-    given = base((0.5, -0.2, 0.3), (-2.0, 1.0, -0.5), start_velocity=v0[5:], goal_velocity=v1[5:], y_bounds=(-1.0, 1.5))
+    given = base(
+        (0.5, -0.2, 0.3),
+        (-2.0, 1.0, -0.5),
+        start_velocity=v0[5:],
+        goal_velocity=v1[5:],
+        y_bounds=(-1.0, 1.5),
+    )
     start = np.array([0.1, -0.5, -2.0, 0.5, -1.5, 0.0, 0.3])
     goal = np.array([1.4, -0.2, -1.2, 1.0, 0.3, given.travel, -0.5])
     bounds = path_bounds(machine, 7, lower=-9.0, upper=9.1)
@@ -43,14 +53,22 @@ def make(*, moving: bool, hold: Hold, tied: bool = False, terrain: Any = SCENE.g
     ends = Boundary(start, v0), Boundary(goal, v1)
     model = DrivingModel(machine, terrain)
     return DrivingTranscription(
-        Transcription(model, *ends, bounds, intervals=N, reference=REFERENCE, hold=hold, ties=ties), given, terrain
+        Transcription(model, *ends, bounds, intervals=N, reference=REFERENCE, hold=hold, ties=ties),
+        given,
+        terrain,
     )
 
 
 @pytest.fixture(
-    params=[(v, h, t) for v in (False, True) for h in (CONSTANT, LINEAR) for t in (SCENE.ground, ROUGH)],
+    params=[
+        (v, h, t) for v in (False, True) for h in (CONSTANT, LINEAR) for t in (SCENE.ground, ROUGH)
+    ],
     ids=lambda p: "-".join(
-        ("moving" if p[0] else "rest", "constant" if p[1] is CONSTANT else "linear", type(p[2]).__name__.lower())
+        (
+            "moving" if p[0] else "rest",
+            "constant" if p[1] is CONSTANT else "linear",
+            type(p[2]).__name__.lower(),
+        )
     ),
 )
 def nlp(request: pytest.FixtureRequest) -> DrivingTranscription:
@@ -58,7 +76,9 @@ def nlp(request: pytest.FixtureRequest) -> DrivingTranscription:
 
 
 def test_a_packed_point_has_no_gaps(nlp: DrivingTranscription) -> None:
-    np.testing.assert_allclose(nlp.evaluate(closed(nlp)).equalities[: nlp.eliminated], 0.0, atol=ROUNDING)
+    np.testing.assert_allclose(
+        nlp.evaluate(closed(nlp)).equalities[: nlp.eliminated], 0.0, atol=ROUNDING
+    )
 
 
 def test_equality_jacobian(nlp: DrivingTranscription) -> None:
@@ -71,8 +91,12 @@ def test_inequality_jacobian_along_the_manifold_of_closed_gaps(nlp: DrivingTrans
     x = closed(nlp)
     lin = nlp.linearize(x)
     Z = lin.basis.Z
-    expected = central_differences(lambda y: nlp.evaluate(x + Z @ y).inequalities, np.zeros(Z.shape[1]))
-    np.testing.assert_allclose(lin.C @ Z, expected, atol=DERIVATIVE * max(1.0, float(np.abs(Z).max())))
+    expected = central_differences(
+        lambda y: nlp.evaluate(x + Z @ y).inequalities, np.zeros(Z.shape[1])
+    )
+    np.testing.assert_allclose(
+        lin.C @ Z, expected, atol=DERIVATIVE * max(1.0, float(np.abs(Z).max()))
+    )
 
 
 def test_linearize_and_evaluate_agree(nlp: DrivingTranscription) -> None:
@@ -84,7 +108,9 @@ def test_linearize_and_evaluate_agree(nlp: DrivingTranscription) -> None:
 
 
 @pytest.mark.parametrize("tied", [False, True])
-def test_basis_spans_the_null_space_of_the_gaps_and_closes_them(nlp: DrivingTranscription, tied: bool) -> None:
+def test_basis_spans_the_null_space_of_the_gaps_and_closes_them(
+    nlp: DrivingTranscription, tied: bool
+) -> None:
     if tied:
         nlp = make(moving=True, hold=LINEAR, tied=True, terrain=nlp.terrain)
     lin = nlp.linearize(anywhere(nlp))
@@ -92,7 +118,9 @@ def test_basis_spans_the_null_space_of_the_gaps_and_closes_them(nlp: DrivingTran
     gaps = lin.A[: basis.eliminated]
     assert np.linalg.matrix_rank(basis.Z) == basis.Z.shape[1]
     np.testing.assert_allclose(gaps @ basis.Z, 0.0, atol=ROUNDING)
-    np.testing.assert_allclose(gaps @ basis.d, -lin.at.equalities[: basis.eliminated], atol=ROUNDING)
+    np.testing.assert_allclose(
+        gaps @ basis.d, -lin.at.equalities[: basis.eliminated], atol=ROUNDING
+    )
     if not tied:
         assert basis.Z.shape[1] == basis.Z.shape[0] - basis.eliminated == len(basis.free)
         np.testing.assert_array_equal(basis.Z[basis.free], np.eye(basis.Z.shape[1]))
@@ -112,7 +140,9 @@ def test_arriving_meets_the_goal_to_rounding(nlp: DrivingTranscription) -> None:
 
 @pytest.mark.parametrize("hold", [CONSTANT, LINEAR])
 @pytest.mark.parametrize("moving", [False, True])
-def test_hessian_of_the_lagrangian_with_the_gaps_multipliers_that_follow(hold: Hold, moving: bool) -> None:
+def test_hessian_of_the_lagrangian_with_the_gaps_multipliers_that_follow(
+    hold: Hold, moving: bool
+) -> None:
     nlp = make(moving=moving, hold=hold)
     x, rng = closed(nlp, 3), np.random.default_rng(2)
     lin = nlp.linearize(x)
@@ -122,13 +152,17 @@ def test_hessian_of_the_lagrangian_with_the_gaps_multipliers_that_follow(hold: H
     y = rng.normal(0.0, 1.0, len(lin.at.equalities))
     eliminated = lin.basis.eliminated
     y[:eliminated] = 0.0
-    pull = (lin.C.T @ (z * ~nlp.nonlinear_rows))[nlp.positions].reshape(-1, 2)  # of the bounds on y, at the nodes
+    # of the bounds on y, at the nodes
+    pull = (lin.C.T @ (z * ~nlp.nonlinear_rows))[nlp.positions].reshape(-1, 2)
     price = y[-2:] + np.cumsum(pull[:0:-1], axis=0)[::-1]
-    y[eliminated - 2 * N : eliminated] = -price.ravel()  # so that no position changes the Lagrangian
+    # so that no position changes the Lagrangian
+    y[eliminated - 2 * N : eliminated] = -price.ravel()
 
     H = nlp.hessian(x, y[eliminated:], z, convex=False).toarray()
     expected = central_differences(lambda at: lagrangian_gradient(nlp, at, y, z), x)
-    np.testing.assert_allclose(H, expected, atol=CURVATURE * max(1.0, float(np.abs(expected).max())))
+    np.testing.assert_allclose(
+        H, expected, atol=CURVATURE * max(1.0, float(np.abs(expected).max()))
+    )
 
 
 def test_wrench_slopes_and_curvature() -> None:
@@ -140,7 +174,12 @@ def test_wrench_slopes_and_curvature() -> None:
         return 1e-5 * model.wrench(p[None, :7], p[None, 7:14], p[None, 14:21], p[21])[0]
 
     def slopes(p: np.ndarray) -> Any:
-        return weights[0] @ model.wrench_derivatives(p[None, :7], p[None, 7:14], p[None, 14:21], p[21])[1][0, :, :22]
+        return (
+            weights[0]
+            @ model.wrench_derivatives(p[None, :7], p[None, 7:14], p[None, 14:21], p[21])[1][
+                0, :, :22
+            ]
+        )
 
     at = point[None, :7], point[None, 7:14], point[None, 14:21], S
     found = 1e-5 * model.wrench_derivatives(*at)[1][0]

@@ -20,7 +20,7 @@ from tests.problems import (
     paper_scene,
     random_problem,
     slider,
-)  # fmt: skip
+)
 
 SAFE = 1e-6
 
@@ -35,10 +35,13 @@ def solved(named: NamedProblem) -> zs.Plan:
 
 def displaced(displacement: np.ndarray, **options: int) -> NamedProblem:
     scene = paper_scene(point_masses=False)
-    return NamedProblem("displaced", scene, scene.problem(PAPER_START, PAPER_START + displacement, **options), None)
+    return NamedProblem(
+        "displaced", scene, scene.problem(PAPER_START, PAPER_START + displacement, **options), None
+    )
 
 
-# --- ways -------------------------------------------------------------------------------------------------------------
+# --- ways
+# -------------------------------------------------------------------------------------------------------------
 
 
 def test_from_a_pose_to_itself_takes_no_time() -> None:
@@ -47,7 +50,8 @@ def test_from_a_pose_to_itself_takes_no_time() -> None:
     assert plan.duration == plan.lower_bound == 0.0
     assert plan.iterations == 0
     np.testing.assert_array_equal(plan.trajectory(0.0)[0], PAPER_START)
-    assert plan.margin == pytest.approx(1.615 - 0.786, abs=0.02)  # at rest; paper.md has 0.786 for point masses
+    # at rest; paper.md has 0.786 for point masses
+    assert plan.margin == pytest.approx(1.615 - 0.786, abs=0.02)
 
 
 @pytest.mark.parametrize("size", [1e-12, 1e-9, 1e-6, 1e-4, 1e-2])
@@ -80,7 +84,8 @@ def test_a_huge_displacement() -> None:
     plan = zs.plan(zs.Problem(machine, [-400.0], [400.0]))
     assert plan.success, plan.message
     assert plan.lower_bound == pytest.approx(800.5, rel=1e-12)
-    assert 800.5 <= plan.duration <= 800.5 * (1.0 + 1.0 / 49.0)  # the ramps fill one whole interval at either end
+    # the ramps fill one whole interval at either end
+    assert 800.5 <= plan.duration <= 800.5 * (1.0 + 1.0 / 49.0)
 
 
 def test_displacements_of_very_different_size() -> None:
@@ -89,7 +94,9 @@ def test_displacements_of_very_different_size() -> None:
 
 @pytest.mark.parametrize("intervals", [2, 3, 4, 7])
 def test_few_intervals(intervals: int) -> None:
-    named = double_integrator(distance=1.0, max_velocity=10.0, max_acceleration=4.0, intervals=intervals)
+    named = double_integrator(
+        distance=1.0, max_velocity=10.0, max_acceleration=4.0, intervals=intervals
+    )
     plan = solved(named)
     assert plan.trajectory.intervals == intervals
     assert len(plan.trajectory.times) == intervals + 1
@@ -124,7 +131,8 @@ def test_more_intervals_are_no_slower_beyond_the_grid() -> None:
     assert durations[2] <= 4.503
 
 
-# --- what cannot be solved --------------------------------------------------------------------------------------------
+# --- what cannot be solved
+# --------------------------------------------------------------------------------------------
 
 
 def hopeless() -> zs.Problem:
@@ -133,7 +141,9 @@ def hopeless() -> zs.Problem:
     machine = scene.load()
     limits = machine.limits.updated(
         {
-            key: {name: PAPER_START[i] for i, name in enumerate(machine.joint_names) if name != "slew"}
+            key: {
+                name: PAPER_START[i] for i, name in enumerate(machine.joint_names) if name != "slew"
+            }
             for key in ("position_lower", "position_upper")
         },
         machine.joint_names,
@@ -152,7 +162,8 @@ def test_a_problem_without_solution_is_a_status_with_a_diagnosis_and_never_a_tra
         _ = plan.trajectory
 
 
-# --- time -------------------------------------------------------------------------------------------------------------
+# --- time
+# -------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("budget", [1e-9, 0.02, 0.2])
@@ -193,12 +204,19 @@ def test_progress_is_told_every_iteration() -> None:
     assert len(told) == plan.iterations > 0
 
 
-# --- the same bits ----------------------------------------------------------------------------------------------------
+# --- the same bits
+# ----------------------------------------------------------------------------------------------------
 
 
 def bits(plan: zs.Plan) -> bytes:
     trajectory = plan.trajectory
-    arrays = (trajectory.times, trajectory.positions, trajectory.velocities, trajectory.accelerations, trajectory.jerks)
+    arrays = (
+        trajectory.times,
+        trajectory.positions,
+        trajectory.velocities,
+        trajectory.accelerations,
+        trajectory.jerks,
+    )
     return b"".join(array.tobytes() for array in arrays)
 
 
@@ -228,10 +246,14 @@ def test_eight_threads_at_once_give_the_same_bits_as_one(qp_solver: str) -> None
 
 def test_planning_leaves_the_problem_alone() -> None:
     problem = random_problem(63).problem
-    before = [np.array(part) for part in (problem.start, problem.goal, problem.machine.limits.velocity)]
+    before = [
+        np.array(part) for part in (problem.start, problem.goal, problem.machine.limits.velocity)
+    ]
     model = problem.machine.model.copy()
     zs.plan(problem)
-    for part, now in zip(before, (problem.start, problem.goal, problem.machine.limits.velocity), strict=True):
+    for part, now in zip(
+        before, (problem.start, problem.goal, problem.machine.limits.velocity), strict=True
+    ):
         np.testing.assert_array_equal(part, now)
     assert problem.machine.model == model
 

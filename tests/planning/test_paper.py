@@ -34,7 +34,9 @@ def test_paper_1_takes_4_5_seconds_and_never_tips(point_masses: bool) -> None:
 
 
 @BOTH
-def test_the_phase_plane_motion_of_paper_1_leaves_the_polygon_by_more_than_30_cm(point_masses: bool) -> None:
+def test_the_phase_plane_motion_of_paper_1_leaves_the_polygon_by_more_than_30_cm(
+    point_masses: bool,
+) -> None:
     named, _ = planned_paper_1(point_masses)
     blind = zs.phase_plane(named.problem.machine, PAPER_START, PAPER_GOAL)
     assert blind.duration == pytest.approx(4.5, abs=EXACT)
@@ -44,7 +46,9 @@ def test_the_phase_plane_motion_of_paper_1_leaves_the_polygon_by_more_than_30_cm
 
 
 @BOTH
-def test_the_margin_a_plan_guarantees_is_no_more_than_an_independent_check_finds(point_masses: bool) -> None:
+def test_the_margin_a_plan_guarantees_is_no_more_than_an_independent_check_finds(
+    point_masses: bool,
+) -> None:
     named, plan = planned_paper_1(point_masses)
     found = check_feasibility(named.scene, named.problem, plan.trajectory)
     sampled = -max(found.zmp_at_ends, found.zmp_between)
@@ -66,7 +70,14 @@ def test_paper_1_holds_the_margin_it_is_asked_for() -> None:
 def test_the_checkers_own_zmp_is_eq_5_by_differences() -> None:
     """The oracle's inverse dynamics against second differences of positions: neither uses the library."""
     rng = np.random.default_rng(4)
-    scene = Scene("feller_buncher", paper_scene().vertices, Tree(3000.0), roll=0.3, pitch=-0.2, point_masses=True)
+    scene = Scene(
+        "feller_buncher",
+        paper_scene().vertices,
+        Tree(3000.0),
+        roll=0.3,
+        pitch=-0.2,
+        point_masses=True,
+    )
     oracle = Oracle(scene)
     for _ in range(20):
         q, v, a = rng.uniform(-1.0, 1.0, (3, 5))
@@ -79,4 +90,6 @@ def test_the_checkers_zmp_is_the_librarys(point_masses: bool) -> None:
     rng = np.random.default_rng(5)
     scene = Scene("feller_buncher", paper_scene().vertices, Tree(3000.0), 0.3, -0.2, point_masses)
     q, v, a = rng.uniform(-1.0, 1.0, (3, 50, 5))
-    np.testing.assert_allclose(zs.zmp(scene.load(), q, v, a, scene.ground), Oracle(scene).zmp(q, v, a), atol=1e-9)
+    np.testing.assert_allclose(
+        zs.zmp(scene.load(), q, v, a, scene.ground), Oracle(scene).zmp(q, v, a), atol=1e-9
+    )

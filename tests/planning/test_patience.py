@@ -15,7 +15,9 @@ PATIENCE = 60.0  # [s] for what takes one or three
 
 
 @pytest.mark.parametrize(("mass", "roll"), [(4000.0, -20.0), (7000.0, -26.0)])
-def test_the_motion_told_of_is_the_least_violating_not_the_fastest(mass: float, roll: float) -> None:
+def test_the_motion_told_of_is_the_least_violating_not_the_fastest(
+    mass: float, roll: float
+) -> None:
     """The paper's slew with an arm that cannot be drawn in: at any pace the tree passes over the lower track."""
     arm = zs.load_machine("feller_buncher").joint_names[1:]
     limits = {
@@ -23,15 +25,20 @@ def test_the_motion_told_of_is_the_least_violating_not_the_fastest(mass: float, 
         "position_upper": dict(zip(arm, PAPER_START[1:] + ROOM, strict=True)),
     }
     tree = zs.Payload(mass=mass, com=(0.0, 0.0, 3.323), frame="head")
-    machine, slope = zs.load_machine("feller_buncher", limits=limits).with_payload(tree), zs.Slope(np.radians(roll))
+    machine, slope = (
+        zs.load_machine("feller_buncher", limits=limits).with_payload(tree),
+        zs.Slope(np.radians(roll)),
+    )
     ways = PAPER_START + np.linspace(0.0, 1.0, 101)[:, None] * (PAPER_GOAL - PAPER_START)
     still = np.zeros_like(ways)
     least = -float(zs.stability_margin(machine, ways, still, still, slope).min())
     started = time.perf_counter()
     plan = zs.plan(zs.Problem(machine, PAPER_START, PAPER_GOAL, slope, intervals=10))
-    assert time.perf_counter() - started < PATIENCE  # it went round in circles at a point where no step helps
+    # it went round in circles at a point where no step helps
+    assert time.perf_counter() - started < PATIENCE
     assert plan.status is zs.Status.INFEASIBLE
-    assert -plan.certificate.sampled == pytest.approx(least, abs=0.05)  # 0.67 and 1.71 m at the fastest pace
+    # 0.67 and 1.71 m at the fastest pace
+    assert -plan.certificate.sampled == pytest.approx(least, abs=0.05)
     assert plan.attempt is not None
     assert plan.attempt.duration > 3.0 * plan.lower_bound
     assert f"the ZMP would leave the left edge by {-plan.certificate.margin:.3f} m" in plan.message

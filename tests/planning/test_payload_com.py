@@ -11,11 +11,20 @@ import numpy as np
 import pytest
 
 import zmp_sqp as zs
-from tests.planning.test_robustness import FRACTION, GOAL, LEFT, SAME, START, least_margin, machine, problem
+from tests.planning.test_robustness import (
+    FRACTION,
+    GOAL,
+    LEFT,
+    SAME,
+    START,
+    least_margin,
+    machine,
+    problem,
+)
 from zmp_sqp.arrays import Array
-from zmp_sqp.mechanics.payload_spread import moment_of_spread, turning_bounds
+from zmp_sqp.mechanics.bounds.payload_spread import moment_of_spread, turning_bounds
 from zmp_sqp.mechanics.wrench import ground_reaction
-from zmp_sqp.planning.robust_certificate import certify_for
+from zmp_sqp.planning.proof.robust_certificate import certify_for
 from zmp_sqp.scenario import load_scenario
 
 STEEP = zs.Slope(roll=np.radians(-28.0))
@@ -29,8 +38,12 @@ def moment(offset: Array, rate: Array, push: Array) -> Array:
 
 def test_a_moved_payload_is_that_payload_put_elsewhere() -> None:
     bare, inertia = zs.load_machine("feller_buncher"), np.diag([9e3, 8e3, 2e3])
-    tree = bare.with_payload(zs.Payload(mass=4000.0, com=(0.1, 0.0, 3.3), frame="head", inertia=inertia))
-    there = bare.with_payload(zs.Payload(mass=4000.0, com=(0.2, -0.3, 2.9), frame="head", inertia=inertia))
+    tree = bare.with_payload(
+        zs.Payload(mass=4000.0, com=(0.1, 0.0, 3.3), frame="head", inertia=inertia)
+    )
+    there = bare.with_payload(
+        zs.Payload(mass=4000.0, com=(0.2, -0.3, 2.9), frame="head", inertia=inertia)
+    )
     q, v, a = 0.3 * np.random.default_rng(0).normal(size=(3, 7, 5))
     for kind in (lambda loaded: loaded, zs.Machine.with_point_masses):
         found = zs.zmp(kind(tree).with_payload_moved((0.1, -0.3, -0.4)), q, v, a, LEFT)
@@ -94,16 +107,21 @@ def test_the_certificate_of_random_motions_holds_for_every_centre_in_the_box(see
     rng = np.random.default_rng(seed)
     box = rng.uniform(0.0, 1.0, 3) * rng.choice([0.0, 1.0], 3, p=[0.2, 0.8])
     asked = problem(payload_com_uncertainty=0.01, payload_uncertainty=0.1)
-    object.__setattr__(asked, "payload_com_uncertainty", box)  # too much for its start, but not for a certificate
+    # too much for its start, but not for a certificate
+    object.__setattr__(asked, "payload_com_uncertainty", box)
     motion = random_motion(rng)
     proven = certify_for(asked, motion)
     assert np.isfinite(proven.margin)
     for _ in range(40):
         loaded = (
-            machine().with_payload_scaled(rng.uniform(0.9, 1.1)).with_payload_moved(rng.uniform(-1.0, 1.0, 3) * box)
+            machine()
+            .with_payload_scaled(rng.uniform(0.9, 1.1))
+            .with_payload_moved(rng.uniform(-1.0, 1.0, 3) * box)
         )
         _, q, v, a = motion.within(np.linspace(0.0, 1.0, 21))
-        wrench = ground_reaction(loaded, q, v, a, root_acceleration=np.concatenate([-LEFT.gravity(), np.zeros(3)]))
+        wrench = ground_reaction(
+            loaded, q, v, a, root_acceleration=np.concatenate([-LEFT.gravity(), np.zeros(3)])
+        )
         assert loaded.support is not None
         found = (-(wrench @ loaded.support.wrench_rows().T) / wrench[:, 2:3]).min()
         assert proven.margin <= found + SAME
@@ -111,7 +129,9 @@ def test_the_certificate_of_random_motions_holds_for_every_centre_in_the_box(see
 
 @cache
 def demanding_plan() -> zs.Plan:
-    return zs.plan(problem(ground=STEEP, intervals=18, payload_com_uncertainty=BOX, tipping_fraction=FRACTION))
+    return zs.plan(
+        problem(ground=STEEP, intervals=18, payload_com_uncertainty=BOX, tipping_fraction=FRACTION)
+    )
 
 
 def test_a_plan_is_safe_for_every_centre_of_mass_in_the_box() -> None:
@@ -120,7 +140,11 @@ def test_a_plan_is_safe_for_every_centre_of_mass_in_the_box() -> None:
     assert "its centre off by (" in plan.certificate.corner
     for _ in range(200):
         offset = BOX * rng.choice([-1.0, 1.0, 0.0, rng.uniform(-1.0, 1.0)], 3)
-        loaded = machine().with_payload_scaled(rng.choice([1.0, 1.0 / FRACTION])).with_payload_moved(offset)
+        loaded = (
+            machine()
+            .with_payload_scaled(rng.choice([1.0, 1.0 / FRACTION]))
+            .with_payload_moved(offset)
+        )
         worst = min(worst, least_margin(loaded, plan.trajectory, STEEP.gravity()))
     assert plan.margin >= 0.0
     assert worst >= plan.margin - SAME
@@ -131,7 +155,9 @@ def test_a_plan_that_knows_nothing_of_it_is_not() -> None:
     blind = zs.plan(problem(ground=STEEP, intervals=18, tipping_fraction=FRACTION))
     heavy = machine().with_payload_scaled(1.0 / FRACTION)
     worst = min(
-        least_margin(heavy.with_payload_moved(np.array(signs) * BOX), blind.trajectory, STEEP.gravity())
+        least_margin(
+            heavy.with_payload_moved(np.array(signs) * BOX), blind.trajectory, STEEP.gravity()
+        )
         for signs in product((-1.0, 1.0), repeat=3)
     )
     assert blind.success
@@ -151,7 +177,9 @@ def test_a_base_that_drives_turns_the_payload_too() -> None:
 
 
 def test_a_scalar_is_a_cube_and_zero_is_nothing() -> None:
-    np.testing.assert_array_equal(problem(payload_com_uncertainty=0.2).payload_com_uncertainty, np.full(3, 0.2))
+    np.testing.assert_array_equal(
+        problem(payload_com_uncertainty=0.2).payload_com_uncertainty, np.full(3, 0.2)
+    )
     assert [corner.text for corner in problem().corners(every=True)] == [""]
     corners = problem(payload_com_uncertainty=(0.1, 0.0, 0.2)).corners()
     assert corners[0].text == "its centre off by (-0.10, +0.00, -0.20) m"
@@ -176,9 +204,14 @@ def test_bad_boxes_get_one_sentence(given: Any, message: str) -> None:
 
 
 def test_without_one_payload_there_is_no_centre_to_be_off() -> None:
-    bare, tree = zs.load_machine("feller_buncher"), zs.Payload(mass=500.0, com=(0.0, 0.0, 1.0), frame="head")
+    bare, tree = (
+        zs.load_machine("feller_buncher"),
+        zs.Payload(mass=500.0, com=(0.0, 0.0, 1.0), frame="head"),
+    )
     for arm, count in ((bare, 0), (bare.with_payload(tree).with_payload(tree), 2)):
-        with pytest.raises(zs.ProblemError, match=f"needs one payload, but machine .* carries {count}"):
+        with pytest.raises(
+            zs.ProblemError, match=f"needs one payload, but machine .* carries {count}"
+        ):
             zs.Problem(arm, START, GOAL, payload_com_uncertainty=0.1)
 
 

@@ -13,18 +13,19 @@ import zmp_sqp as zs
 from tests.checks import central_differences
 from tests.problems import paper_scene
 from zmp_sqp.arrays import Array
+from zmp_sqp.mechanics.uncertainty import leaning_corners
 from zmp_sqp.mechanics.wrench import ground_reaction
-from zmp_sqp.planning.formulation import boundaries, path_bounds, stage_model
-from zmp_sqp.planning.model import wrench_curvature
-from zmp_sqp.planning.robustness import leaning_corners
-from zmp_sqp.planning.transcription import Transcription
+from zmp_sqp.planning.program.formulation import boundaries, path_bounds, stage_model
+from zmp_sqp.planning.program.model import wrench_curvature
+from zmp_sqp.planning.program.transcription import Transcription
 
 START = np.array([0.0, -np.pi / 6, -2 * np.pi / 3, np.pi / 6, -np.pi / 2])
 GOAL = START + np.array([np.pi, 0.0, 0.0, 0.0, 0.0])
 LEFT = zs.Slope(roll=np.radians(-20.0))
 SAME = 1e-9
 STEEP, FRACTION = 28.0, 0.6  # so that it costs time
-# 18 intervals: the slew's switching times fall on the grid, so that no kind of control is faster than another
+# 18 intervals: the slew's switching times fall on the grid, so that no kind of control is faster
+# than another
 
 
 @cache
@@ -53,7 +54,9 @@ def demanding_plan() -> zs.Plan:
 
 def least_margin(loaded: zs.Machine, trajectory: zs.Trajectory, gravity: Array) -> float:
     _, q, v, a = trajectory.within(np.linspace(0.0, 1.0, 21))
-    wrench = ground_reaction(loaded, q, v, a, root_acceleration=np.concatenate([-gravity, np.zeros(3)]))
+    wrench = ground_reaction(
+        loaded, q, v, a, root_acceleration=np.concatenate([-gravity, np.zeros(3)])
+    )
     assert loaded.support is not None
     assert wrench[:, 2].min() > 0.0
     return float((-(wrench @ loaded.support.wrench_rows().T) / wrench[:, 2:3]).min())
@@ -86,18 +89,27 @@ def test_corners_lean_as_their_words_say() -> None:
     ground = zs.Slope(roll=0.1, pitch=-0.2)
     for gravity, roll, pitch in leaning_corners(ground, 0.01):
         named = zs.Slope(0.1 + np.radians(roll), -0.2 + np.radians(pitch)).gravity()
-        np.testing.assert_allclose(gravity, named, atol=0.01)  # to first order: 9.81 (0.01)^2 and the coupling of both
+        # to first order: 9.81 (0.01)^2 and the coupling of both
+        np.testing.assert_allclose(gravity, named, atol=0.01)
 
 
 def test_a_scaled_payload_is_that_payload_made_heavier() -> None:
     bare, inertia = zs.load_machine("feller_buncher"), np.diag([9e3, 8e3, 2e3])
-    tree = bare.with_payload(zs.Payload(mass=4000.0, com=(0.1, 0.0, 3.3), frame="head", inertia=inertia))
-    heavier = bare.with_payload(zs.Payload(mass=5000.0, com=(0.1, 0.0, 3.3), frame="head", inertia=1.25 * inertia))
+    tree = bare.with_payload(
+        zs.Payload(mass=4000.0, com=(0.1, 0.0, 3.3), frame="head", inertia=inertia)
+    )
+    heavier = bare.with_payload(
+        zs.Payload(mass=5000.0, com=(0.1, 0.0, 3.3), frame="head", inertia=1.25 * inertia)
+    )
     q, v, a = 0.3 * np.random.default_rng(0).normal(size=(3, 7, 5))
     for kind in (lambda loaded: loaded, zs.Machine.with_point_masses):
         expected = zs.zmp(kind(heavier), q, v, a, LEFT)
-        np.testing.assert_allclose(zs.zmp(kind(tree).with_payload_scaled(1.25), q, v, a, LEFT), expected, atol=SAME)
-        np.testing.assert_allclose(zs.zmp(kind(tree.with_payload_scaled(1.25)), q, v, a, LEFT), expected, atol=SAME)
+        np.testing.assert_allclose(
+            zs.zmp(kind(tree).with_payload_scaled(1.25), q, v, a, LEFT), expected, atol=SAME
+        )
+        np.testing.assert_allclose(
+            zs.zmp(kind(tree.with_payload_scaled(1.25)), q, v, a, LEFT), expected, atol=SAME
+        )
     empty = zs.zmp(tree.with_payload_scaled(0.0), q, v, a, LEFT)
     np.testing.assert_allclose(empty, zs.zmp(bare, q, v, a, LEFT), atol=SAME)
     assert tree.payload_mass == 4000.0
@@ -137,17 +149,23 @@ def test_the_certificate_names_the_worst_corner() -> None:
     plan = demanding_plan()
     assert plan.certificate.corner.startswith("payload 7333 kg, the slope off by roll -2.0")
     least = min(
-        zs.certify(corner.machine, plan.trajectory, corner.ground).margin for corner in plan.problem.corners(every=True)
+        zs.certify(corner.machine, plan.trajectory, corner.ground).margin
+        for corner in plan.problem.corners(every=True)
     )
     assert plan.margin == least
 
 
 def test_a_safer_problem_is_never_faster() -> None:
     options: list[dict[str, Any]] = [
-        {}, {"payload_uncertainty": 0.1}, {"tipping_fraction": 0.75}, {"slope_uncertainty": np.radians(2.0)},
-    ]  # fmt: skip
+        {},
+        {"payload_uncertainty": 0.1},
+        {"tipping_fraction": 0.75},
+        {"slope_uncertainty": np.radians(2.0)},
+    ]
     steep = zs.Slope(roll=np.radians(-STEEP))
-    durations = [zs.plan(problem(ground=steep, intervals=18, **option)).duration for option in options]
+    durations = [
+        zs.plan(problem(ground=steep, intervals=18, **option)).duration for option in options
+    ]
     assert min(durations) >= durations[0] * (1.0 - 1e-6)
     assert demanding_plan().duration > durations[0] * 1.0001
 
@@ -155,13 +173,22 @@ def test_a_safer_problem_is_never_faster() -> None:
 def test_derivatives_and_curvature_of_all_corners_at_once() -> None:
     asked = problem(intervals=3, payload_uncertainty=0.2, slope_uncertainty=0.05)
     start, goal = boundaries(asked)
-    nlp = Transcription(stage_model(asked), start, goal, path_bounds(asked, tightened=0.0), intervals=3, reference=5.0)
+    nlp = Transcription(
+        stage_model(asked),
+        start,
+        goal,
+        path_bounds(asked, tightened=0.0),
+        intervals=3,
+        reference=5.0,
+    )
     rng = np.random.default_rng(2)
     x = nlp.pack(rng.normal(size=(3, 1, 5)), 20.0)
     lin = nlp.linearize(x)
     assert lin.basis is not None
     Z = lin.basis.Z  # control points are derived where the gaps stay closed
-    slopes = central_differences(lambda move: nlp.evaluate(x + Z @ move).inequalities, np.zeros(Z.shape[1]))
+    slopes = central_differences(
+        lambda move: nlp.evaluate(x + Z @ move).inequalities, np.zeros(Z.shape[1])
+    )
     np.testing.assert_allclose(lin.C @ Z, slopes, atol=1e-6 * max(1.0, float(np.abs(slopes).max())))
     model, n = stage_model(asked), 5
     at, weights = rng.normal(size=3 * n + 1), rng.normal(size=6 * len(model.parts))
@@ -169,9 +196,16 @@ def test_derivatives_and_curvature_of_all_corners_at_once() -> None:
     at[-1] = 20.0
 
     def gradient(y: Array) -> Array:
-        return weights @ model.wrench_derivatives(y[None, :n], y[None, n : 2 * n], y[None, 2 * n : -1], y[-1])[1][0]
+        return (
+            weights
+            @ model.wrench_derivatives(y[None, :n], y[None, n : 2 * n], y[None, 2 * n : -1], y[-1])[
+                1
+            ][0]
+        )
 
-    H = wrench_curvature(model, at[None, :n], at[None, n : 2 * n], at[None, 2 * n : -1], at[-1], weights[None])[0]
+    H = wrench_curvature(
+        model, at[None, :n], at[None, n : 2 * n], at[None, 2 * n : -1], at[-1], weights[None]
+    )[0]
     expected = central_differences(gradient, at)
     np.testing.assert_allclose(H, expected, atol=1e-5 * float(np.abs(expected).max()))
 
@@ -199,7 +233,10 @@ def test_bad_uncertainties_get_one_sentence(changes: dict[str, Any], message: st
 
 def test_a_slope_so_uncertain_that_gravity_may_point_upwards_is_refused() -> None:
     for changes in ({}, {"start_velocity": [0.1, 0.0, 0.0, 0.0, 0.0]}):
-        with pytest.raises(zs.ProblemError, match=r"(gravity would point away from the ground|tips over at the start)"):
+        with pytest.raises(
+            zs.ProblemError,
+            match=r"(gravity would point away from the ground|tips over at the start)",
+        ):
             problem(ground=zs.Slope(roll=np.radians(70.0)), slope_uncertainty=0.5, **changes)
 
 
@@ -217,8 +254,12 @@ def test_without_a_payload_or_a_slope_there_is_nothing_to_be_uncertain_of() -> N
 
 
 @pytest.mark.parametrize("roll", [-11.0, -13.0, -16.0])
-@pytest.mark.parametrize("options", [{"slope_uncertainty": np.radians(2.0)}, {"tipping_fraction": 0.75}, {}])
-def test_the_payload_and_the_slope_that_a_refusal_names_are_those_to_give(roll: float, options: dict[str, Any]) -> None:
+@pytest.mark.parametrize(
+    "options", [{"slope_uncertainty": np.radians(2.0)}, {"tipping_fraction": 0.75}, {}]
+)
+def test_the_payload_and_the_slope_that_a_refusal_names_are_those_to_give(
+    roll: float, options: dict[str, Any]
+) -> None:
     """As the user gives them: with all that is uncertain of them, one per cent or 0.2 degrees more is refused."""
     across = START + np.array([np.pi / 2, 0.0, 0.0, 0.0, 0.0])
 
@@ -226,7 +267,9 @@ def test_the_payload_and_the_slope_that_a_refusal_names_are_those_to_give(roll: 
         tree = zs.Payload(mass=mass, com=(0.0, 0.0, 3.323), frame="head")
         loaded = zs.load_machine("feller_buncher").with_payload(tree)
         ground = zs.Slope(roll=np.radians(degrees))
-        return zs.Problem(loaded, across, across, ground, margin=0.1, payload_com_uncertainty=0.1, **options)
+        return zs.Problem(
+            loaded, across, across, ground, margin=0.1, payload_com_uncertainty=0.1, **options
+        )
 
     with pytest.raises(zs.ProblemError, match="tips over at rest at the start") as refusal:
         pose(6000.0, roll)

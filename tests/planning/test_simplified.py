@@ -13,15 +13,16 @@ from tests.checks import central_differences
 from tests.planning.conftest import LEANING, TEST_2, UPRIGHT, lumped, pose
 from tests.problems import PAPER_GOAL, PAPER_START, paper_scene
 from zmp_sqp.planning import LumpedMass, simplified_coordinates
-from zmp_sqp.planning.model import ArmModel, extra_curvature
-from zmp_sqp.planning.stacked_model import StackedModel
+from zmp_sqp.planning.program.model import ArmModel, extra_curvature
+from zmp_sqp.planning.program.stacked_model import StackedModel
 
 EXACT = 1e-9  # [rad, m, per second] closed forms, limits and boundary conditions
 PRINTED = 1e-5  # [m] constants known to six digits
 DERIVATIVE = 1e-6  # relative: central differences with a step of 1e-6
 
 
-# --- the mapping (7)-(11) ---------------------------------------------------------------------------------------------
+# --- the mapping (7)-(11)
+# ---------------------------------------------------------------------------------------------
 
 
 def test_the_papers_start_is_of_the_form() -> None:
@@ -35,7 +36,9 @@ def test_the_lumped_mass_is_that_of_table_1() -> None:
     delta = m2 * length / 2 + m3 * length + m3 * length / 2 + 2 * m4 * length + 2 * m5 * length
     found = lumped(UPRIGHT)
     assert found.mass == pytest.approx(total)
-    np.testing.assert_allclose([found.B, found.A], [delta / total, (m4 / 2 + m5) * l4 / total], atol=EXACT)
+    np.testing.assert_allclose(
+        [found.B, found.A], [delta / total, (m4 / 2 + m5) * l4 / total], atol=EXACT
+    )
     np.testing.assert_allclose([found.B, found.A], [3.52669, 0.207116], atol=PRINTED)
 
 
@@ -45,8 +48,11 @@ def test_distance_is_where_the_slewing_mass_stands(attitude: float) -> None:
     machine, found = paper_scene().load(), lumped(attitude)
     booms = np.linspace(-1.3, -0.2, 7)
     q = np.array([pose(0.0, boom, attitude=attitude) for boom in booms])
-    at_rest = zs.zmp(machine, q, 0.0 * q, 0.0 * q, zs.Slope())[:, 0]  # the undercarriage stands on the axis
-    np.testing.assert_allclose(found.distance(booms), at_rest * machine.mass / found.mass, atol=EXACT)
+    # the undercarriage stands on the axis
+    at_rest = zs.zmp(machine, q, 0.0 * q, 0.0 * q, zs.Slope())[:, 0]
+    np.testing.assert_allclose(
+        found.distance(booms), at_rest * machine.mass / found.mass, atol=EXACT
+    )
 
 
 @pytest.mark.parametrize("attitude", [UPRIGHT, LEANING])
@@ -78,7 +84,8 @@ def test_rate_and_acceleration_of_the_distance_are_those_of_differences_in_time(
     np.testing.assert_allclose(acceleration, (ahead - 2.0 * d + behind) / step**2, atol=1e-6)
 
 
-# --- what the planner sees --------------------------------------------------------------------------------------------
+# --- what the planner sees
+# --------------------------------------------------------------------------------------------
 
 
 def stage_model(*, bounded: bool) -> ArmModel:
@@ -91,7 +98,9 @@ def stage_model(*, bounded: bool) -> ArmModel:
 def states(count: int = 6) -> np.ndarray:
     """(y, w, alpha, S) drawn at random, shape (count, 7)."""
     rng = np.random.default_rng(3)
-    return np.column_stack([rng.uniform([-2, -1.2, -2, -2, -6, -6, 5], [2, -0.2, 2, 2, 6, 6, 25], (count, 7))])
+    return np.column_stack(
+        [rng.uniform([-2, -1.2, -2, -2, -6, -6, 5], [2, -0.2, 2, 2, 6, 6, 25], (count, 7))]
+    )
 
 
 def apart(x: np.ndarray) -> tuple[Any, ...]:
@@ -103,7 +112,9 @@ def test_coordinates_drive_the_joints_as_eq_7_says() -> None:
     y = np.array([0.7, -0.9])
     np.testing.assert_allclose(coordinates.joints(y), pose(*y), atol=EXACT)
     np.testing.assert_allclose(coordinates.coordinates_of(pose(*y)), y, atol=EXACT)
-    np.testing.assert_allclose(central_differences(coordinates.joints, y), coordinates.G, atol=DERIVATIVE)
+    np.testing.assert_allclose(
+        central_differences(coordinates.joints, y), coordinates.G, atol=DERIVATIVE
+    )
 
 
 def test_wrench_derivatives_are_those_of_differences() -> None:
@@ -112,7 +123,9 @@ def test_wrench_derivatives_are_those_of_differences() -> None:
         wrench, slopes = model.wrench_derivatives(*apart(x))
         np.testing.assert_allclose(wrench, model.wrench(*apart(x)), rtol=1e-12)
         differences = central_differences(lambda point: model.wrench(*apart(point))[0], x)
-        np.testing.assert_allclose(slopes[0], differences, atol=DERIVATIVE * np.abs(differences).max())
+        np.testing.assert_allclose(
+            slopes[0], differences, atol=DERIVATIVE * np.abs(differences).max()
+        )
 
 
 def test_rows_of_the_distance_bounds_have_the_slopes_of_differences() -> None:
@@ -122,7 +135,9 @@ def test_rows_of_the_distance_bounds_have_the_slopes_of_differences() -> None:
         rows, slopes = model.extra(*apart(x))
         assert (rows.shape, slopes.shape) == ((1, 4), (1, 4, 7))
         differences = central_differences(lambda point: model.extra(*apart(point))[0][0], x)
-        np.testing.assert_allclose(slopes[0], differences, atol=DERIVATIVE * np.abs(differences).max())
+        np.testing.assert_allclose(
+            slopes[0], differences, atol=DERIVATIVE * np.abs(differences).max()
+        )
 
 
 def test_rows_of_the_distance_bounds_have_the_curvature_of_differences() -> None:
@@ -131,9 +146,12 @@ def test_rows_of_the_distance_bounds_have_the_curvature_of_differences() -> None
         weights = rng.normal(0.0, 1.0, 4)
         found = extra_curvature(model, *apart(x), weights[None])[0]
         differences = central_differences(lambda p, w=weights: w @ model.extra(*apart(p))[1][0], x)
-        np.testing.assert_allclose(found, differences, atol=DERIVATIVE * max(1.0, np.abs(differences).max()))
+        np.testing.assert_allclose(
+            found, differences, atol=DERIVATIVE * max(1.0, np.abs(differences).max())
+        )
         several = extra_curvature(StackedModel((model, model)), *apart(x), weights[None])[0]
-        np.testing.assert_array_equal(several, found)  # an uncertain payload does not change the distance
+        # an uncertain payload does not change the distance
+        np.testing.assert_array_equal(several, found)
 
 
 def test_without_bounds_on_the_distance_there_are_no_such_rows() -> None:
@@ -141,7 +159,8 @@ def test_without_bounds_on_the_distance_there_are_no_such_rows() -> None:
     assert model.extra_rows == model.extra(*apart(states()[0]))[0].shape[1] == 0
 
 
-# --- refusals ---------------------------------------------------------------------------------------------------------
+# --- refusals
+# ---------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["slider", "slewing_crane"])
@@ -184,7 +203,9 @@ def test_a_goal_that_eq_7_cannot_reach_is_refused_with_the_joint(index: int, joi
 
 def test_a_start_velocity_that_eq_7_cannot_have_is_refused() -> None:
     with pytest.raises(zs.ProblemError, match="start velocity"):
-        paper_scene().problem(PAPER_START, PAPER_GOAL, start_velocity=[0.0, 0.1, 0.0, 0.0, 0.0], model="simplified")
+        paper_scene().problem(
+            PAPER_START, PAPER_GOAL, start_velocity=[0.0, 0.1, 0.0, 0.0, 0.0], model="simplified"
+        )
 
 
 def test_distance_limits_belong_to_the_simplified_model() -> None:

@@ -16,12 +16,15 @@ from tests.problems import FOOTPRINT, PAPER_GOAL, PAPER_START, Scene, Tree, pape
 
 EXACT = 1e-9  # [rad, m, per second] closed forms, limits and boundary conditions
 INSIDE = 1e-6  # [m] of the ZMP
-GRID = 2e-4  # relative: the two models may end on grids of their own, one with constant, one with linear accelerations
+# relative: the two models may end on grids of their own, one with constant, one with linear
+# accelerations
+GRID = 2e-4
 BETWEEN = 1e-4  # relative: the bounds on d hold at nodes; between them d'' is not linear
 PAPER = 4.5  # [s]
 
 
-# --- plans ------------------------------------------------------------------------------------------------------------
+# --- plans
+# ------------------------------------------------------------------------------------------------------------
 
 
 @cache
@@ -60,7 +63,8 @@ def test_the_answer_moves_all_five_joints_as_eq_7_says_at_all_times(name: str) -
     assert trajectory.joint_names == plan.problem.machine.joint_names
     _, q, v, a = trajectory.within(np.linspace(0.0, 1.0, 9))
     np.testing.assert_allclose(q[:, 2], -np.pi - 2.0 * q[:, 1], atol=EXACT)
-    np.testing.assert_allclose(q[:, 1:4].sum(axis=1), LEANING, atol=EXACT)  # the head keeps its attitude
+    # the head keeps its attitude
+    np.testing.assert_allclose(q[:, 1:4].sum(axis=1), LEANING, atol=EXACT)
     for part in (v, a):
         np.testing.assert_allclose(part[:, 2:4], part[:, 1:2] * [-2.0, 1.0], atol=EXACT)
         np.testing.assert_allclose(part[:, 4], 0.0, atol=EXACT)
@@ -72,7 +76,9 @@ def random_pair(seed: int) -> tuple[zs.Problem, zs.Problem]:
     rng = np.random.default_rng([7, seed])
     while True:
         roll, pitch = rng.uniform(-0.38, 0.38, 2)
-        scene = Scene("feller_buncher", FOOTPRINT, Tree(rng.uniform(2500.0, 6000.0)), roll=roll, pitch=pitch)
+        scene = Scene(
+            "feller_buncher", FOOTPRINT, Tree(rng.uniform(2500.0, 6000.0)), roll=roll, pitch=pitch
+        )
         attitude, head = rng.uniform(-2.3, -1.4), rng.uniform(-2.0, 2.0)
         slews, booms = rng.uniform(-np.pi, np.pi, 2), rng.uniform(-1.2, -0.2, 2)
         ends = [pose(s, b, attitude=attitude, head=head) for s, b in zip(slews, booms, strict=True)]
@@ -83,7 +89,8 @@ def random_pair(seed: int) -> tuple[zs.Problem, zs.Problem]:
             continue
 
 
-SEEDS = tuple(seed for seed in range(15) if seed != 6)  # on 6 the simplified model ends at the iteration limit
+# on 6 the simplified model ends at the iteration limit
+SEEDS = tuple(seed for seed in range(15) if seed != 6)
 ACTIVE = (2, 10, 11, 13)  # of these: problems in which the ZMP costs the simplified model time
 
 
@@ -100,13 +107,16 @@ def test_the_simplified_model_is_never_faster_than_the_full_one(seed: int) -> No
         assert simplified.duration > 1.02 * simplified.lower_bound
 
 
-# --- the paper's way: bounds on the distance --------------------------------------------------------------------------
+# --- the paper's way: bounds on the distance
+# --------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("velocity", "acceleration"), [(0.3, 0.3), (0.5, 0.5), (0.6, 1.0)])
 def test_bounds_on_the_distance_hold(velocity: float, acceleration: float) -> None:
     limits = zs.DistanceLimits(velocity, acceleration)
-    plan = zs.plan(paper_scene().problem(PAPER_START, PAPER_GOAL, model="simplified", distance_limits=limits))
+    plan = zs.plan(
+        paper_scene().problem(PAPER_START, PAPER_GOAL, model="simplified", distance_limits=limits)
+    )
     assert plan.success, plan.message
     assert plan.duration > PAPER * 1.01  # these bounds cost time
     _, q, v, a = plan.trajectory.within(np.linspace(0.0, 1.0, 9))
@@ -118,23 +128,33 @@ def test_bounds_on_the_distance_hold(velocity: float, acceleration: float) -> No
 
 def test_wide_bounds_on_the_distance_change_nothing_where_the_joints_hold() -> None:
     limits = zs.DistanceLimits(10.0, 10.0)
-    plan = zs.plan(paper_scene().problem(PAPER_START, PAPER_GOAL, model="simplified", distance_limits=limits))
+    plan = zs.plan(
+        paper_scene().problem(PAPER_START, PAPER_GOAL, model="simplified", distance_limits=limits)
+    )
     assert plan.success
     assert plan.duration == pytest.approx(PAPER, rel=1e-3)
 
 
 def test_bounds_that_let_the_joints_exceed_their_limits_are_no_success_and_say_what_to_do() -> None:
     """The stick turns by a radian while the boom draws in; nothing but the bounds on d holds it."""
-    level, start, goal = replace(paper_scene(), roll=0.0), pose(0.0, np.deg2rad(-15.0)), pose(0.5, np.deg2rad(-45.0))
+    level, start, goal = (
+        replace(paper_scene(), roll=0.0),
+        pose(0.0, np.deg2rad(-15.0)),
+        pose(0.5, np.deg2rad(-45.0)),
+    )
     options: dict[str, Any] = {"model": "simplified"}
-    plan = zs.plan(level.problem(start, goal, distance_limits=zs.DistanceLimits(3.0, 3.0), **options))
+    plan = zs.plan(
+        level.problem(start, goal, distance_limits=zs.DistanceLimits(3.0, 3.0), **options)
+    )
     assert plan.status is zs.Status.JOINT_LIMITS
     assert not plan.success
     for words in ("joint limit", "tighten distance_limits"):
         assert words in plan.message
     with pytest.raises(zs.NotSolved, match="tighten distance_limits"):
         _ = plan.trajectory
-    tightened = zs.plan(level.problem(start, goal, distance_limits=zs.DistanceLimits(1.0, 1.0), **options))
+    tightened = zs.plan(
+        level.problem(start, goal, distance_limits=zs.DistanceLimits(1.0, 1.0), **options)
+    )
     assert tightened.success, tightened.message
 
 
@@ -159,12 +179,18 @@ def test_bounds_on_the_distance_with_an_active_zmp_take_few_iterations(seed: int
     plan = zs.plan(bounded_problem(seed))
     assert plan.status is zs.Status.OPTIMAL, plan.message
     assert plan.duration > 1.02 * plan.lower_bound
-    assert max(record.iteration for record in plan.history) <= 15  # of the searches that it takes, the longest
+    # of the searches that it takes, the longest
+    assert max(record.iteration for record in plan.history) <= 15
 
 
 @pytest.mark.parametrize(
     ("numbers", "words"),
-    [((0.0, 1.0), "velocity"), ((1.0, -1.0), "acceleration"), ((1.0, np.nan), "acceleration"), ((1, 1, 3, 2), "lower")],
+    [
+        ((0.0, 1.0), "velocity"),
+        ((1.0, -1.0), "acceleration"),
+        ((1.0, np.nan), "acceleration"),
+        ((1, 1, 3, 2), "lower"),
+    ],
 )
 def test_distance_limits_refuse_nonsense(numbers: tuple[float, ...], words: str) -> None:
     with pytest.raises(zs.ProblemError, match=words):

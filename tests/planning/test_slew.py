@@ -10,9 +10,9 @@ import zmp_sqp as zs
 from tests.problems import GRAVITY, PAPER_GOAL, PAPER_START, paper_scene, slew, slew_time
 from zmp_sqp.mechanics.wrench import ground_reaction
 from zmp_sqp.mechanics.zero_moment_point import zmp_of_wrench
-from zmp_sqp.planning.limits_in_time import limit_excess
-from zmp_sqp.planning.slew import analytic_slew, analytic_slew_duration
-from zmp_sqp.planning.slew_circle import SlewInsight, slew_insight
+from zmp_sqp.planning.closed_forms.slew import analytic_slew, analytic_slew_duration
+from zmp_sqp.planning.closed_forms.slew_circle import SlewInsight, slew_insight
+from zmp_sqp.planning.proof.limits_in_time import limit_excess
 
 PRINTED = 5e-6  # [s] half of the last digit of the closed forms in paper.md
 ROUNDING = 1e-9
@@ -38,7 +38,9 @@ def radii(machine: zs.Machine, trajectory: zs.Trajectory) -> np.ndarray:
 )
 def test_the_closed_forms_are_met(radius, limited, duration):
     machine = crane(radius=radius, limited=limited)
-    assert analytic_slew_duration(machine, [0.0], [np.pi], radius=radius) == pytest.approx(duration, abs=PRINTED)
+    assert analytic_slew_duration(machine, [0.0], [np.pi], radius=radius) == pytest.approx(
+        duration, abs=PRINTED
+    )
     trajectory = analytic_slew(machine, [0.0], [np.pi], radius=radius)
     assert trajectory.duration == pytest.approx(duration, rel=1e-3)
     assert trajectory.intervals == 200
@@ -47,10 +49,14 @@ def test_the_closed_forms_are_met(radius, limited, duration):
 @pytest.mark.parametrize("angle", [0.01, 0.3, 0.6, 0.7, 0.75, 1.5, 6.0])
 @pytest.mark.parametrize("acceleration", [0.5, 1.9, 100.0])
 @pytest.mark.parametrize("velocity", [0.4, 100.0])
-def test_short_and_long_slews_with_any_limit_agree_with_a_second_quadrature(angle, acceleration, velocity):
+def test_short_and_long_slews_with_any_limit_agree_with_a_second_quadrature(
+    angle, acceleration, velocity
+):
     machine = crane(radius=1.3).with_limits(acceleration=acceleration, velocity=velocity)
     exact = slew_time(1.3, angle, max_velocity=velocity, max_acceleration=acceleration)
-    assert analytic_slew_duration(machine, [0.0], [angle], radius=1.3) == pytest.approx(exact, abs=SAME_BY_QUADRATURE)
+    assert analytic_slew_duration(machine, [0.0], [angle], radius=1.3) == pytest.approx(
+        exact, abs=SAME_BY_QUADRATURE
+    )
     trajectory = analytic_slew(machine, [0.0], [-angle], radius=1.3)
     assert trajectory.duration == pytest.approx(exact, rel=1e-3)
     assert trajectory.duration > exact - SAME_BY_QUADRATURE
@@ -66,7 +72,8 @@ def test_the_top_rate_is_reached_in_finite_time():
     ramp = quad(lambda w: 1.0 / CRANE.acceleration_bound(w, 1.3), 0.0, top, limit=200)[0]
     turned = quad(lambda w: w / CRANE.acceleration_bound(w, 1.3), 0.0, top, limit=200)[0]
     duration = analytic_slew_duration(crane(radius=1.3), [0.0], [2.0], radius=1.3)
-    assert duration == pytest.approx(2.0 * ramp + (2.0 - 2.0 * turned) / top, abs=1e-6)  # quad at a singular end
+    # quad at a singular end
+    assert duration == pytest.approx(2.0 * ramp + (2.0 - 2.0 * turned) / top, abs=1e-6)
 
 
 @pytest.mark.parametrize("intervals", [8, 13, 50, 51, 400])
@@ -96,7 +103,8 @@ def test_the_sqp_agrees_on_the_same_problem(radius, limited):
     problem = slew(radius=radius, limited=limited, intervals=100).problem
     plan = zs.plan(problem, qp_solver="piqp")  # made for so many rows
     on_circle = analytic_slew_duration(problem.machine, [0.0], [np.pi], radius=radius)
-    inside = analytic_slew_duration(problem.machine, [0.0], [np.pi])  # the largest circle in the polygon
+    # the largest circle in the polygon
+    inside = analytic_slew_duration(problem.machine, [0.0], [np.pi])
     assert plan.success
     assert on_circle * (1.0 - ROUNDING) <= plan.duration
     assert plan.duration == pytest.approx(on_circle, rel=OPTIMUM)
@@ -108,7 +116,9 @@ def test_on_the_crane_s_own_polygon_the_sqp_lies_between_inscribed_and_circumscr
     machine = zs.load_machine("slewing_crane")
     plan = zs.plan(zs.Problem(machine, [0.0], [np.pi], intervals=100), qp_solver="piqp")
     outside = analytic_slew_duration(machine, [0.0], [np.pi], radius=1.1)
-    assert outside < plan.duration < analytic_slew_duration(machine, [0.0], [np.pi]) * (1.0 + OPTIMUM)
+    assert (
+        outside < plan.duration < analytic_slew_duration(machine, [0.0], [np.pi]) * (1.0 + OPTIMUM)
+    )
 
 
 @pytest.mark.parametrize("point_masses", [True, False])
@@ -137,9 +147,14 @@ def test_the_radius_changes_at_the_rate_of_equation_18():
     """Along a motion with rate, acceleration and jerk, against differences; and growing exactly while it speeds up."""
     step = 1e-5
     for w, alpha, jerk in np.random.default_rng(2).uniform(-2.0, 2.0, (40, 3)):
-        squares = [CRANE.radius(w + alpha * t + 0.5 * jerk * t**2, alpha + jerk * t) ** 2 for t in (-step, step)]
+        squares = [
+            CRANE.radius(w + alpha * t + 0.5 * jerk * t**2, alpha + jerk * t) ** 2
+            for t in (-step, step)
+        ]
         difference = (squares[1] - squares[0]) / (2.0 * step)
-        assert CRANE.squared_radius_rate(w, alpha, jerk) == pytest.approx(difference, rel=1e-7, abs=1e-7)
+        assert CRANE.squared_radius_rate(w, alpha, jerk) == pytest.approx(
+            difference, rel=1e-7, abs=1e-7
+        )
         assert np.sign(CRANE.squared_radius_rate(w, alpha)) == np.sign(w * alpha)
 
 
@@ -160,7 +175,9 @@ def test_the_centre_moves_against_the_base_s_acceleration():
 
 def test_at_its_bound_the_acceleration_puts_the_zmp_on_the_circle():
     w = np.linspace(0.0, CRANE.top_rate(1.3), 20)
-    np.testing.assert_allclose(CRANE.radius(w, CRANE.acceleration_bound(w, 1.3)), 1.3, atol=ROUNDING)
+    np.testing.assert_allclose(
+        CRANE.radius(w, CRANE.acceleration_bound(w, 1.3)), 1.3, atol=ROUNDING
+    )
     assert CRANE.acceleration_bound(2.0 * CRANE.top_rate(1.3), 1.3) == 0.0
 
 
@@ -194,13 +211,21 @@ def test_what_cannot_be_slewed_is_refused():
     with pytest.raises(zs.ProblemError, match="goal of joint 'slew' is 7, outside its limits"):
         analytic_slew(machine, [0.0], [7.0])
     with pytest.raises(zs.ProblemError, match="alone, but 'boom' moves by"):
-        analytic_slew(paper_scene(point_masses=True).load(), PAPER_START, np.add(PAPER_GOAL, [0, 0.1, 0, 0, 0]))
+        analytic_slew(
+            paper_scene(point_masses=True).load(),
+            PAPER_START,
+            np.add(PAPER_GOAL, [0, 0.1, 0, 0, 0]),
+        )
 
 
 def test_what_is_no_slew_is_refused():
-    with pytest.raises(zs.MachineError, match="'slider', must turn on the root about a vertical axis"):
+    with pytest.raises(
+        zs.MachineError, match="'slider', must turn on the root about a vertical axis"
+    ):
         analytic_slew(zs.load_machine("slider"), [0.0], [0.1])
     off = zs.SupportPolygon([[-2.0, -2.0], [2.5, -2.0], [2.5, 2.0], [-2.0, 2.0]])
     with pytest.raises(zs.MachineError, match="misses the centre of the support polygon"):
         analytic_slew(crane(radius=1.1).with_support(off), [0.0], [0.1])
-    assert analytic_slew(crane(radius=1.1).with_support(off), [0.0], [0.1], radius=1.1).duration > 0.0
+    assert (
+        analytic_slew(crane(radius=1.1).with_support(off), [0.0], [0.1], radius=1.1).duration > 0.0
+    )

@@ -8,10 +8,13 @@ import pytest
 import zmp_sqp as zs
 from tests.checks import check_feasibility
 from tests.problems import FOOTPRINT, Scene, Tree
-from zmp_sqp.planning import planner, slopes
+from zmp_sqp.planning.search import planner, slopes
 
 SCENE = Scene("feller_buncher", FOOTPRINT, Tree(1976.87), roll=0.22477, pitch=0.28513)
-START, GOAL = np.array([-6.15, -1.324, -2.507, 1.678, 1.687]), np.array([5.635, -1.329, -0.455, -0.78, -1.592])
+START, GOAL = (
+    np.array([-6.15, -1.324, -2.507, 1.678, 1.687]),
+    np.array([5.635, -1.329, -0.455, -0.78, -1.592]),
+)
 PEERS = 15.555  # [s] of IPOPT, with constant accelerations
 GAIN = 3e-3  # relative, from slopes that are set free
 LEFT = 1e-3  # relative, from the others
@@ -19,7 +22,10 @@ SHARE = 0.4  # of all slopes
 
 # between these two any pace of the straight way in the joints tips the machine over
 STEEP = Scene("feller_buncher", FOOTPRINT, Tree(5920.946), roll=-0.443663, pitch=0.126428)
-HERE, THERE = np.array([2.951, -1.238, -0.374, -1.332, -3.194]), np.array([-6.178, 0.58, -1.064, 0.732, -2.319])
+HERE, THERE = (
+    np.array([2.951, -1.238, -0.374, -1.332, -3.194]),
+    np.array([-6.178, 0.58, -1.064, 0.732, -2.319]),
+)
 
 
 def safely_planned() -> zs.Plan:

@@ -31,7 +31,10 @@ def test_the_mirrored_problem_takes_as_long(seed: int) -> None:
 def test_the_problem_seen_from_behind_takes_as_long(seed: int) -> None:
     """The footprint looks the same from front and back; half a turn of the ground is half a turn of the slew."""
     named, plan = planned_random(seed)
-    scene, problem = replace(named.scene, roll=-named.scene.roll, pitch=-named.scene.pitch), named.problem
+    scene, problem = (
+        replace(named.scene, roll=-named.scene.roll, pitch=-named.scene.pitch),
+        named.problem,
+    )
     turn = np.array([np.pi, 0.0, 0.0, 0.0, 0.0])
     sign = -1.0 if max(problem.start[0], problem.goal[0]) > np.pi else 1.0
     turned = zs.plan(scene.problem(problem.start + sign * turn, problem.goal + sign * turn))
@@ -44,7 +47,8 @@ def test_the_way_back_takes_as_long(seed: int) -> None:
     named, plan = planned_random(seed)
     back = zs.plan(named.scene.problem(named.problem.goal, named.problem.start))
     assert back.success
-    assert back.duration == pytest.approx(plan.duration, rel=1e-4)  # slopes are tied differently from the two ends
+    # slopes are tied differently from the two ends
+    assert back.duration == pytest.approx(plan.duration, rel=1e-4)
 
 
 def test_the_slope_is_the_same_in_whatever_frame_it_is_given() -> None:
@@ -74,7 +78,10 @@ def test_shrinking_the_polygon_never_shortens_the_motion(seed: int) -> None:
 def test_shrinking_the_sliders_polygon_lengthens_the_motion() -> None:
     named = slider(intervals=50)
     problem = named.problem
-    durations = [zs.plan(named.scene.problem(problem.start, problem.goal, margin=m)).duration for m in (0.0, 0.05, 0.1)]
+    durations = [
+        zs.plan(named.scene.problem(problem.start, problem.goal, margin=m)).duration
+        for m in (0.0, 0.05, 0.1)
+    ]
     assert durations[0] < durations[1] < durations[2]
 
 
@@ -83,10 +90,13 @@ def test_shrinking_the_sliders_polygon_lengthens_the_motion() -> None:
 def test_higher_limits_are_never_slower(seed: int, quantity: str) -> None:
     named, plan = planned_random(seed)
     problem = named.problem
-    higher = problem.machine.with_limits(**{quantity: 1.3 * getattr(problem.machine.limits, quantity)})
+    higher = problem.machine.with_limits(
+        **{quantity: 1.3 * getattr(problem.machine.limits, quantity)}
+    )
     faster = zs.plan(zs.Problem(higher, problem.start, problem.goal, problem.ground))
     assert faster.success, faster.message
-    # each duration is that of its own grid: switching times that fall between nodes cost up to 0.1 %
+    # each duration is that of its own grid: switching times that fall between nodes cost up to 0.1
+    # %
     assert faster.duration <= plan.duration * (1.0 + 1e-3)
 
 

@@ -12,10 +12,19 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import zmp_sqp as zs
-from tests.planning.driving import LIMITS, Surface, base, retreat, retreat_problem, rolling_map, terrain, zmp_from_poses
+from tests.planning.driving import (
+    LIMITS,
+    Surface,
+    base,
+    retreat,
+    retreat_problem,
+    rolling_map,
+    terrain,
+    zmp_from_poses,
+)
 from tests.problems import PAPER_GOAL, PAPER_START, paper_scene
-from zmp_sqp.planning.robustness import corners
-from zmp_sqp.planning.unicycle_motion import UnicycleMotion
+from zmp_sqp.mechanics.uncertainty import corners
+from zmp_sqp.motion.unicycle_motion import UnicycleMotion
 from zmp_sqp.scenario import SHIPPED, load_scenario
 
 SAME = 1e-6  # [s, m] a plane written down as heights
@@ -51,7 +60,9 @@ def test_a_planar_heightmap_gives_the_plan_of_the_slope() -> None:
     assert mapped.duration == pytest.approx(plan.duration, abs=SAME)
     assert mapped.certificate.sampled == pytest.approx(plan.certificate.sampled, abs=SAME)
     t = np.linspace(0.0, min(mapped.duration, plan.duration), 500)
-    here, there = (zs.trajectory_zmp(scene.load(), p.trajectory, t, p.problem.ground) for p in (plan, mapped))
+    here, there = (
+        zs.trajectory_zmp(scene.load(), p.trajectory, t, p.problem.ground) for p in (plan, mapped)
+    )
     np.testing.assert_allclose(there, here, atol=1e-5)
     seen = plan.trajectory.base(t)[0][:, :2] @ lean[:2, :2].T
     np.testing.assert_allclose(mapped.trajectory.base(t)[0][:, :2], seen, atol=1e-6)
@@ -67,7 +78,9 @@ def test_the_position_is_that_of_a_unicycle_integrated_independently(plan: zs.Pl
             yaw = drive(float(np.clip(t, 0.0, plan.duration)))[0][2]
             return speed * surface.root(np.array([*at, yaw])).rotation[:2, 0]
 
-        place = solve_ivp(rate, drive.times[k : k + 2], place, method="DOP853", rtol=1e-11, atol=1e-12).y[:, -1]
+        place = solve_ivp(
+            rate, drive.times[k : k + 2], place, method="DOP853", rtol=1e-11, atol=1e-12
+        ).y[:, -1]
         np.testing.assert_allclose(drive.poses[k + 1, :2], place, atol=PATH)
     np.testing.assert_allclose(place, plan.problem.base.goal[:2], atol=ARRIVED)
 
@@ -75,10 +88,14 @@ def test_the_position_is_that_of_a_unicycle_integrated_independently(plan: zs.Pl
 def test_the_zmp_is_that_of_the_bodies_poses(plan: zs.Plan) -> None:
     scene, _ = terrain()
     times = np.arange(0.002, plan.duration - 0.002, 1e-3)
-    times = times[np.abs(times[:, None] - plan.trajectory.times).min(axis=1) > 1.1e-3]  # differences do not see jumps
+    # differences do not see jumps
+    times = times[np.abs(times[:, None] - plan.trajectory.times).min(axis=1) > 1.1e-3]
     machine, ground = plan.problem.machine, plan.problem.ground
     ours = zs.trajectory_zmp(machine, plan.trajectory, times, ground)
-    assert np.abs(zmp_from_poses(scene, plan.trajectory, times, ground=ground) - ours).max() < DIFFERENCES
+    assert (
+        np.abs(zmp_from_poses(scene, plan.trajectory, times, ground=ground) - ours).max()
+        < DIFFERENCES
+    )
     assert machine.support.signed_distance(ours).min() >= plan.margin
 
 
@@ -88,7 +105,9 @@ def test_an_uncertain_payload_is_planned_for_over_terrain(plan: zs.Plan) -> None
     machine, ground = plan.problem.machine, plan.problem.ground
     t = np.linspace(0.0, uncertain.duration, 500)
     for share in (0.9, 0.96, 1.04, 1.1):
-        points = zs.trajectory_zmp(machine.with_payload_scaled(share), uncertain.trajectory, t, ground)
+        points = zs.trajectory_zmp(
+            machine.with_payload_scaled(share), uncertain.trajectory, t, ground
+        )
         assert machine.support.signed_distance(points).min() >= uncertain.margin
     with pytest.raises(zs.ProblemError, match="slope_uncertainty needs a Slope"):
         replace(plan.problem, slope_uncertainty=0.02)
@@ -96,19 +115,30 @@ def test_an_uncertain_payload_is_planned_for_over_terrain(plan: zs.Plan) -> None
 
 def test_gravity_of_an_uncertain_slope_leans_for_a_base_that_drives() -> None:
     machine, yaw = paper_scene().load(), 0.7
-    rest, extremes = np.zeros((1, 2)), {"tipping_fraction": 1.0, "payload_uncertainty": 0.0, "slope_uncertainty": 0.05}
+    rest, extremes = (
+        np.zeros((1, 2)),
+        {"tipping_fraction": 1.0, "payload_uncertainty": 0.0, "slope_uncertainty": 0.05},
+    )
     for corner in corners(machine, zs.Slope(-0.2, 0.1), **extremes):
         motion = corner.ground.base_motion(np.array([[0.0, 0.0, yaw]]), rest, rest)
-        np.testing.assert_allclose(motion.acceleration[0, :3], -corner.ground.gravity(yaw), atol=1e-12)
-        assert np.linalg.norm(motion.acceleration[0, :3] + zs.Slope(-0.2, 0.1).gravity(yaw)) > 0.4  # 9.81 x 0.05
+        np.testing.assert_allclose(
+            motion.acceleration[0, :3], -corner.ground.gravity(yaw), atol=1e-12
+        )
+        # 9.81 x 0.05
+        assert np.linalg.norm(motion.acceleration[0, :3] + zs.Slope(-0.2, 0.1).gravity(yaw)) > 0.4
 
 
 def random_drive(seed: int) -> tuple[zs.Machine, zs.Trajectory, zs.Heightmap]:
     """Anything that a machine's joints and base can do, over waves of any direction and grids of any resolution."""
     rng, machine = np.random.default_rng([7, seed]), paper_scene(point_masses=False).load()
-    waves = [(rng.uniform(0.0, 0.15), rng.uniform(16.0, 40.0), *rng.uniform(0.0, 6.0, 2)) for _ in range(2)]
+    waves = [
+        (rng.uniform(0.0, 0.15), rng.uniform(16.0, 40.0), *rng.uniform(0.0, 6.0, 2))
+        for _ in range(2)
+    ]
     lean, resolution = rng.uniform(-12.0, 12.0, 2), rng.choice([0.5, 1.0, 2.0])
-    ground = rolling_map(*lean, waves=waves, resolution=resolution, low=(-30.0, -30.0), high=(30.0, 30.0))
+    ground = rolling_map(
+        *lean, waves=waves, resolution=resolution, low=(-30.0, -30.0), high=(30.0, 30.0)
+    )
     n, count, duration = machine.size, int(rng.integers(2, 25)), rng.uniform(0.5, 4.0)
     times = np.linspace(0.0, duration, count + 1)
     h = np.diff(times)[:, None]
@@ -122,7 +152,11 @@ def random_drive(seed: int) -> tuple[zs.Machine, zs.Trajectory, zs.Heightmap]:
     drive = UnicycleMotion.from_start(
         times, rng.uniform(-5.0, 5.0, 3), v[:, n:], q[:, -1], (a[:, n:], j[:, n:]), ground
     )
-    return machine, zs.Trajectory(machine.joint_names, times, q[:, :n], v[:, :n], a[:, :n], j[:, :n], drive), ground
+    return (
+        machine,
+        zs.Trajectory(machine.joint_names, times, q[:, :n], v[:, :n], a[:, :n], j[:, :n], drive),
+        ground,
+    )
 
 
 def test_no_certificate_of_a_random_drive_is_above_samples_at_10_kHz() -> None:
@@ -136,7 +170,9 @@ def test_no_certificate_of_a_random_drive_is_above_samples_at_10_kHz() -> None:
             continue
         t = np.linspace(0.0, motion.duration, int(1e4 * motion.duration))
         try:
-            least = float(machine.support.signed_distance(zs.trajectory_zmp(machine, motion, t, ground)).min())
+            least = float(
+                machine.support.signed_distance(zs.trajectory_zmp(machine, motion, t, ground)).min()
+            )
         except zs.ContactLost:
             assert found.margin == -np.inf
             continue
@@ -146,7 +182,9 @@ def test_no_certificate_of_a_random_drive_is_above_samples_at_10_kHz() -> None:
     assert max(looseness) < LOOSE
 
 
-def test_a_motion_over_terrain_survives_a_csv_file_with_its_ground(plan: zs.Plan, tmp_path: Path) -> None:
+def test_a_motion_over_terrain_survives_a_csv_file_with_its_ground(
+    plan: zs.Plan, tmp_path: Path
+) -> None:
     plan.trajectory.to_csv(tmp_path / "motion.csv")
     machine, ground = plan.problem.machine, plan.problem.ground
     read = zs.Trajectory.from_csv(tmp_path / "motion.csv", machine, ground)
@@ -162,24 +200,39 @@ def test_a_motion_over_terrain_survives_a_csv_file_with_its_ground(plan: zs.Plan
         zs.trajectory_zmp(machine, read, 1.0, rolling_map(-15.0))
 
 
-# --- where no machine can drive ---------------------------------------------------------------------------------------
+# --- where no machine can drive
+# ---------------------------------------------------------------------------------------
 
 
-def problem(ground: Any, start: Any = (0.0, 0.0, 0.0), goal: Any = (-3.0, 0.0, 0.0), **options: Any) -> zs.Problem:
+def problem(
+    ground: Any, start: Any = (0.0, 0.0, 0.0), goal: Any = (-3.0, 0.0, 0.0), **options: Any
+) -> zs.Problem:
     scene = paper_scene()
-    return replace(scene.problem(PAPER_START, PAPER_START), ground=ground, base=base(start, goal, **options))
+    return replace(
+        scene.problem(PAPER_START, PAPER_START), ground=ground, base=base(start, goal, **options)
+    )
 
 
 @pytest.mark.parametrize(
     ("ground", "where", "message"),
     [
-        (rolling_map(), {"goal": (20.0, 0.0, 0.0)}, r"base goal: .*leaves the map at .*20.000, 0.000"),
+        (
+            rolling_map(),
+            {"goal": (20.0, 0.0, 0.0)},
+            r"base goal: .*leaves the map at .*20.000, 0.000",
+        ),
         (rolling_map(), {"start": (-16.0, 0.0, 0.0)}, r"base start: a track leaves the map"),
         (rolling_map(waves=ROUGH), {}, r"base start: terrain is too rough .* radius of curvature"),
-        (zs.Heightmap(np.zeros((8, 8)), 1.0, (-4.0, -4.0)), {}, r"base goal: a track leaves the map"),
+        (
+            zs.Heightmap(np.zeros((8, 8)), 1.0, (-4.0, -4.0)),
+            {},
+            r"base goal: a track leaves the map",
+        ),
     ],
 )
-def test_starts_and_goals_that_no_tracks_can_stand_on_are_refused(ground: Any, where: Any, message: str) -> None:
+def test_starts_and_goals_that_no_tracks_can_stand_on_are_refused(
+    ground: Any, where: Any, message: str
+) -> None:
     with pytest.raises(zs.ProblemError, match=message):
         problem(ground, **where)
 
@@ -190,7 +243,8 @@ def test_tipping_over_at_rest_is_judged_by_the_slope_at_the_place() -> None:
     lean = problem(valley, goal=(0.0, 15.0, 0.0)).gravity_at("goal")
     assert np.arctan2(-lean[1], -lean[2]) == pytest.approx(np.arctan(2.0 * 0.0095 * 15.0), abs=1e-9)
     with pytest.raises(zs.ProblemError, match="tips over at rest at the goal"):
-        replace(problem(valley, goal=(0.0, 35.0, 0.0)), margin=0.5)  # 34 degrees; at 16 there is half a metre left
+        # 34 degrees; at 16 there is half a metre left
+        replace(problem(valley, goal=(0.0, 35.0, 0.0)), margin=0.5)
     replace(problem(valley, goal=(0.0, 15.0, 0.0)), margin=0.5)
 
 
@@ -235,17 +289,23 @@ def test_a_ground_that_only_has_gravity_carries_no_driving_base() -> None:
 
 
 def test_the_papers_base_bound_is_for_planes() -> None:
-    machine, arm = paper_scene().load(), zs.phase_plane(paper_scene().load(), PAPER_START, PAPER_GOAL)
+    machine, arm = (
+        paper_scene().load(),
+        zs.phase_plane(paper_scene().load(), PAPER_START, PAPER_GOAL),
+    )
     with pytest.raises(zs.ProblemError, match="in a plane, not over a Heightmap"):
         zs.base_acceleration_bound(machine, arm, rolling_map())
 
 
 def test_the_simplified_model_does_not_drive() -> None:
-    with pytest.raises(zs.ProblemError, match="a base that drives needs model=\"full\", not 'simplified'"):
+    with pytest.raises(
+        zs.ProblemError, match="a base that drives needs model=\"full\", not 'simplified'"
+    ):
         replace(problem(rolling_map()), model="simplified")
 
 
-# --- scenario ---------------------------------------------------------------------------------------------------------
+# --- scenario
+# ---------------------------------------------------------------------------------------------------------
 
 
 def test_the_shipped_scenario_is_this_problem(plan: zs.Plan) -> None:
@@ -259,15 +319,29 @@ def test_the_shipped_scenario_is_this_problem(plan: zs.Plan) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('file = "terrain.csv"', 'file = "no.csv"', r"\[ground\]: heights cannot be read from .*no.csv"),
+        (
+            'file = "terrain.csv"',
+            'file = "no.csv"',
+            r"\[ground\]: heights cannot be read from .*no.csv",
+        ),
         ('file = "terrain.csv"', "", r"\[ground.heightmap\] file: missing"),
-        ("resolution = 1.0", "resolution = 0.0", r"\[ground\]: heightmap resolution must be positive"),
+        (
+            "resolution = 1.0",
+            "resolution = 0.0",
+            r"\[ground\]: heightmap resolution must be positive",
+        ),
         ("resolution = 1.0", "spacing = 1.0", r"\[ground.heightmap\] spacing: unknown key"),
         ("origin = [-16.0, -14.0]", "origin = [-16.0]", "must be 2 finite numbers"),
-        ("[ground.heightmap]", "[ground]\nroll_deg = 1.0\n[ground.heightmap]", "roll_deg and heightmap exclude"),
+        (
+            "[ground.heightmap]",
+            "[ground]\nroll_deg = 1.0\n[ground.heightmap]",
+            "roll_deg and heightmap exclude",
+        ),
     ],
 )
-def test_a_wrong_heightmap_in_a_scenario_is_refused_by_name(tmp_path: Path, old: str, new: str, message: str) -> None:
+def test_a_wrong_heightmap_in_a_scenario_is_refused_by_name(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
     (tmp_path / "terrain.csv").write_text((SHIPPED / "terrain.csv").read_text())
     (tmp_path / "wrong.toml").write_text((SHIPPED / "terrain.toml").read_text().replace(old, new))
     with pytest.raises(zs.ScenarioError, match=message):
@@ -278,7 +352,9 @@ def test_heights_may_come_from_numpys_file_format(tmp_path: Path) -> None:
     np.save(tmp_path / "terrain.npy", np.loadtxt(SHIPPED / "terrain.csv", delimiter=","))
     text = (SHIPPED / "terrain.toml").read_text().replace("terrain.csv", "terrain.npy")
     (tmp_path / "numpy.toml").write_text(text)
-    ours, shipped = (load_scenario(name).problem.ground for name in (tmp_path / "numpy.toml", "terrain"))
+    ours, shipped = (
+        load_scenario(name).problem.ground for name in (tmp_path / "numpy.toml", "terrain")
+    )
     np.testing.assert_array_equal(ours.heights, shipped.heights)
 
 

@@ -26,7 +26,9 @@ def random_trajectory(*, jerks: bool, seed: int = 0, count: int = 7, n: int = 5)
         q.append(q[-1] + h[k] * v[-1] + 0.5 * h[k] ** 2 * a[k] + h[k] ** 3 * j[k] / 6.0)
         v.append(v[-1] + h[k] * a[k] + 0.5 * h[k] ** 2 * j[k])
     times = np.concatenate([[0.0], np.cumsum(h)])
-    return zs.Trajectory(MACHINE.joint_names, times, np.array(q), np.array(v), a, j if jerks else None)
+    return zs.Trajectory(
+        MACHINE.joint_names, times, np.array(q), np.array(v), a, j if jerks else None
+    )
 
 
 @pytest.fixture(params=[False, True], ids=["constant", "linear"])
@@ -34,23 +36,32 @@ def trajectory(request: pytest.FixtureRequest) -> zs.Trajectory:
     return random_trajectory(jerks=request.param)
 
 
-# --- between nodes ----------------------------------------------------------------------------------------------------
+# --- between nodes
+# ----------------------------------------------------------------------------------------------------
 
 
 def test_between_nodes_it_is_what_fine_integration_gives(trajectory: zs.Trajectory) -> None:
     t, dt = np.linspace(0.0, trajectory.duration, 20_001, retstep=True)
     middle = 0.5 * (t[:-1] + t[1:])
-    a = trajectory(middle)[2]  # the midpoint rule is exact for linear accelerations but in steps with a node in them
+    # the midpoint rule is exact for linear accelerations but in steps with a node in them
+    a = trajectory(middle)[2]
     v = trajectory.velocities[0] + np.vstack([np.zeros((1, 5)), np.cumsum(dt * a, axis=0)])
-    q = trajectory.positions[0] + np.vstack([np.zeros((1, 5)), np.cumsum(dt * 0.5 * (v[1:] + v[:-1]), axis=0)])
+    q = trajectory.positions[0] + np.vstack(
+        [np.zeros((1, 5)), np.cumsum(dt * 0.5 * (v[1:] + v[:-1]), axis=0)]
+    )
     found_q, found_v, _ = trajectory(t)
-    np.testing.assert_allclose(found_v, v, atol=20.0 * dt)  # seven jumps of the acceleration, each missed by one step
+    # seven jumps of the acceleration, each missed by one step
+    np.testing.assert_allclose(found_v, v, atol=20.0 * dt)
     np.testing.assert_allclose(found_q, q, atol=20.0 * dt)
 
 
-def test_within_an_interval_it_is_a_polynomial_with_the_right_derivatives(trajectory: zs.Trajectory) -> None:
+def test_within_an_interval_it_is_a_polynomial_with_the_right_derivatives(
+    trajectory: zs.Trajectory,
+) -> None:
     step = 1e-5
-    t = (trajectory.times[:-1] + 0.3 * np.diff(trajectory.times))[:, None] + step * np.array([-1.0, 0.0, 1.0])
+    t = (trajectory.times[:-1] + 0.3 * np.diff(trajectory.times))[:, None] + step * np.array(
+        [-1.0, 0.0, 1.0]
+    )
     q, v, a = (part.reshape(-1, 3, 5) for part in trajectory(t.ravel()))
     np.testing.assert_allclose((q[:, 2] - q[:, 0]) / (2.0 * step), v[:, 1], atol=1e-9)
     np.testing.assert_allclose((v[:, 2] - v[:, 0]) / (2.0 * step), a[:, 1], atol=1e-9)
@@ -62,7 +73,9 @@ def test_at_its_nodes_it_is_its_nodes(trajectory: zs.Trajectory) -> None:
     np.testing.assert_allclose(v, trajectory.velocities, atol=ROUNDING)
     np.testing.assert_array_equal(a[:-1], trajectory.accelerations)
     h = np.diff(trajectory.times)[-1]
-    np.testing.assert_allclose(a[-1], trajectory.accelerations[-1] + h * trajectory.jerks[-1], atol=ROUNDING)
+    np.testing.assert_allclose(
+        a[-1], trajectory.accelerations[-1] + h * trajectory.jerks[-1], atol=ROUNDING
+    )
 
 
 def test_a_scalar_time_gives_vectors_and_an_array_of_times_rows(trajectory: zs.Trajectory) -> None:
@@ -84,12 +97,18 @@ def test_a_plans_trajectory_has_a_node_at_every_interval() -> None:
 
 
 def test_its_arrays_cannot_be_written_to(trajectory: zs.Trajectory) -> None:
-    for array in (trajectory.times, trajectory.positions, trajectory.velocities, trajectory.accelerations):
+    for array in (
+        trajectory.times,
+        trajectory.positions,
+        trajectory.velocities,
+        trajectory.accelerations,
+    ):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 1.0
 
 
-# --- files ------------------------------------------------------------------------------------------------------------
+# --- files
+# ------------------------------------------------------------------------------------------------------------
 
 
 def same_bits(one: zs.Trajectory, other: zs.Trajectory) -> bool:
@@ -121,16 +140,29 @@ def test_csv_columns_may_come_in_any_order_and_jerks_may_be_left_out(tmp_path: P
     assert same_bits(zs.Trajectory.from_csv(path, MACHINE), trajectory)
 
 
-def test_json_has_the_fields_of_a_joint_trajectory_message(tmp_path: Path, trajectory: zs.Trajectory) -> None:
+def test_json_has_the_fields_of_a_joint_trajectory_message(
+    tmp_path: Path, trajectory: zs.Trajectory
+) -> None:
     trajectory.to_json(tmp_path / "motion.json")
     content = json.loads((tmp_path / "motion.json").read_text())
     assert set(content) == {"joint_names", "points"}
     assert content["joint_names"] == list(MACHINE.joint_names)
     assert len(content["points"]) == len(trajectory.times)
     for time, position, velocity, point in zip(
-        trajectory.times, trajectory.positions, trajectory.velocities, content["points"], strict=True
+        trajectory.times,
+        trajectory.positions,
+        trajectory.velocities,
+        content["points"],
+        strict=True,
     ):
-        assert set(point) == {"positions", "velocities", "accelerations", "jerks", "time", "time_from_start"}
+        assert set(point) == {
+            "positions",
+            "velocities",
+            "accelerations",
+            "jerks",
+            "time",
+            "time_from_start",
+        }
         stamp = point["time_from_start"]
         assert isinstance(stamp["sec"], int)
         assert 0 <= stamp["nanosec"] < 1_000_000_000
@@ -149,7 +181,9 @@ def test_json_gives_every_bit_back(tmp_path: Path, trajectory: zs.Trajectory) ->
 def test_json_gives_every_bit_of_a_plan_back(tmp_path: Path, seed: int) -> None:
     plan = planned_random(seed)[1]
     plan.trajectory.to_json(tmp_path / "motion.json")
-    assert same_bits(zs.Trajectory.from_json(str(tmp_path / "motion.json"), MACHINE), plan.trajectory)
+    assert same_bits(
+        zs.Trajectory.from_json(str(tmp_path / "motion.json"), MACHINE), plan.trajectory
+    )
 
 
 def changed_json(tmp_path: Path, change: Any) -> Path:
@@ -162,7 +196,9 @@ def changed_json(tmp_path: Path, change: Any) -> Path:
     return path
 
 
-def test_json_of_a_bare_joint_trajectory_with_joints_in_another_order_is_read(tmp_path: Path) -> None:
+def test_json_of_a_bare_joint_trajectory_with_joints_in_another_order_is_read(
+    tmp_path: Path,
+) -> None:
     def change(content: dict[str, Any]) -> None:
         content["header"] = {"frame_id": ""}
         content["joint_names"].reverse()
@@ -172,7 +208,10 @@ def test_json_of_a_bare_joint_trajectory_with_joints_in_another_order_is_read(tm
             for field in ("positions", "velocities", "accelerations"):
                 point[field].reverse()
 
-    read, asked = zs.Trajectory.from_json(changed_json(tmp_path, change), MACHINE), random_trajectory(jerks=False)
+    read, asked = (
+        zs.Trajectory.from_json(changed_json(tmp_path, change), MACHINE),
+        random_trajectory(jerks=False),
+    )
     np.testing.assert_allclose(read.times, asked.times, atol=1e-9)
     np.testing.assert_array_equal(read.positions, asked.positions)
     np.testing.assert_array_equal(read.accelerations, asked.accelerations)
@@ -186,19 +225,49 @@ def test_json_of_a_bare_joint_trajectory_with_joints_in_another_order_is_read(tm
         (lambda content: content.update(points=[1, 2]), "point 0 must be an object"),
         (lambda content: content.update(joint_names="slew"), "joint_names must be a list"),
         (lambda content: content["joint_names"].__setitem__(1, "bloom"), "joint_names are .*bloom"),
-        (lambda content: content["joint_names"].__setitem__(1, "slew"), "joint_names are slew, slew"),
+        (
+            lambda content: content["joint_names"].__setitem__(1, "slew"),
+            "joint_names are slew, slew",
+        ),
         (lambda content: content["points"][1].pop("velocities"), "point 1: velocities must"),
-        (lambda content: content["points"][2].update(positions=[1.0]), r"point 2: positions must have shape \(5,\)"),
-        (lambda content: content["points"][2].update(positions=["1"] * 5), "point 2: positions must be numbers"),
-        (lambda content: content["points"][1]["positions"].__setitem__(0, 10**400), "point 1: positions"),
-        (lambda content: content["points"][1]["positions"].__setitem__(0, float("nan")), "must be finite"),
+        (
+            lambda content: content["points"][2].update(positions=[1.0]),
+            r"point 2: positions must have shape \(5,\)",
+        ),
+        (
+            lambda content: content["points"][2].update(positions=["1"] * 5),
+            "point 2: positions must be numbers",
+        ),
+        (
+            lambda content: content["points"][1]["positions"].__setitem__(0, 10**400),
+            "point 1: positions",
+        ),
+        (
+            lambda content: content["points"][1]["positions"].__setitem__(0, float("nan")),
+            "must be finite",
+        ),
         (lambda content: content["points"][1].update(time=True), "point 1: time must be a number"),
-        (lambda content: content["points"][1].update(time=-1.0), "time says -1.0 s, but time_from_start"),
+        (
+            lambda content: content["points"][1].update(time=-1.0),
+            "time says -1.0 s, but time_from_start",
+        ),
         (lambda content: content["points"][1].update(jerks=None), "point 1: jerks must"),
-        (lambda content: content["points"][2].update(base={}), "base must be an object at every point"),
-        (lambda content: [p.update(base={"x": 0.0}) for p in content["points"]], "point 0: base y must be a number"),
-        (lambda content: [p.pop("time") and p.pop("time_from_start") for p in content["points"]], "sec and nanosec"),
-        (lambda content: content["points"][3]["positions"].__setitem__(1, 9.0), "node .*, joint 'boom'"),
+        (
+            lambda content: content["points"][2].update(base={}),
+            "base must be an object at every point",
+        ),
+        (
+            lambda content: [p.update(base={"x": 0.0}) for p in content["points"]],
+            "point 0: base y must be a number",
+        ),
+        (
+            lambda content: [p.pop("time") and p.pop("time_from_start") for p in content["points"]],
+            "sec and nanosec",
+        ),
+        (
+            lambda content: content["points"][3]["positions"].__setitem__(1, 9.0),
+            "node .*, joint 'boom'",
+        ),
     ],
 )
 def test_bad_json_is_refused_with_the_offender(tmp_path: Path, change: Any, message: str) -> None:
@@ -216,7 +285,9 @@ def test_what_is_no_json_object_is_refused(tmp_path: Path, text: str) -> None:
         zs.Trajectory.from_json(tmp_path / "nothing.json", MACHINE)
 
 
-def edited(tmp_path: Path, edit: dict[tuple[int, str], str] | None = None, *, header: str | None = None) -> Path:
+def edited(
+    tmp_path: Path, edit: dict[tuple[int, str], str] | None = None, *, header: str | None = None
+) -> Path:
     """A good file with some entries (row, column) replaced, or another header."""
     path = tmp_path / "motion.csv"
     random_trajectory(jerks=False).to_csv(path)
@@ -255,7 +326,9 @@ def test_files_that_are_no_consistent_motion_are_refused(
         zs.Trajectory.from_csv(edited(tmp_path, edit), MACHINE)
 
 
-@pytest.mark.parametrize("content", [b"", b"time\n", b"\xff\xfe\x00", b"a,b\n1,2\n", b'"time', b"\x00"])
+@pytest.mark.parametrize(
+    "content", [b"", b"time\n", b"\xff\xfe\x00", b"a,b\n1,2\n", b'"time', b"\x00"]
+)
 def test_files_that_are_no_trajectory_are_refused(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "motion.csv").write_bytes(content)
     with pytest.raises(zs.TrajectoryError, match=r"motion\.csv"):
@@ -279,7 +352,8 @@ def test_a_file_of_another_machine_is_refused(tmp_path: Path) -> None:
         zs.Trajectory.from_csv(edited(tmp_path), zs.load_machine("slider"))
 
 
-# --- misuse -----------------------------------------------------------------------------------------------------------
+# --- misuse
+# -----------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("t", [-0.1, 100.0, np.nan, np.inf, "soon", None, [[0.1]], [0.1, -1.0]])
@@ -289,7 +363,9 @@ def test_times_outside_or_that_are_none_are_refused(trajectory: zs.Trajectory, t
 
 
 def test_times_outside_by_rounding_are_taken(trajectory: zs.Trajectory) -> None:
-    np.testing.assert_array_equal(trajectory(trajectory.duration * (1 + 1e-15))[0], trajectory(trajectory.duration)[0])
+    np.testing.assert_array_equal(
+        trajectory(trajectory.duration * (1 + 1e-15))[0], trajectory(trajectory.duration)[0]
+    )
 
 
 def test_inconsistent_arrays_are_refused() -> None:

@@ -25,12 +25,13 @@ from tests.planning.programs import (
     path_bounds,
 )
 from tests.problems import FOOTPRINT, Scene, Tree, paper_scene, slider
-from zmp_sqp.planning import null_space, simplified_coordinates
-from zmp_sqp.planning.coordinates import Coordinates
-from zmp_sqp.planning.hold import CONSTANT, LINEAR, Hold, slope_ties
-from zmp_sqp.planning.model import ArmModel, wrench_curvature
-from zmp_sqp.planning.null_space import NullSpace
-from zmp_sqp.planning.transcription import LEAST_NORMAL_FORCE, Boundary, Transcription
+from zmp_sqp.mechanics.coordinates import Coordinates
+from zmp_sqp.planning import simplified_coordinates
+from zmp_sqp.planning.program import null_space
+from zmp_sqp.planning.program.hold import CONSTANT, LINEAR, Hold, slope_ties
+from zmp_sqp.planning.program.model import ArmModel, wrench_curvature
+from zmp_sqp.planning.program.null_space import NullSpace
+from zmp_sqp.planning.program.transcription import LEAST_NORMAL_FORCE, Boundary, Transcription
 
 
 @dataclass(frozen=True)
@@ -60,16 +61,25 @@ def make(machine: str, *, moving: bool, hold: Hold) -> Case:
     rng = np.random.default_rng(7)
     v0, v1 = rng.uniform(-0.5, 0.5, (2, n)) * moving
     bounds = path_bounds(loaded, n, lower=-2.9, upper=3.1)
-    model = ArmModel(loaded, scene.ground.gravity(), coordinates or Coordinates.identity(n), distance)
+    model = ArmModel(
+        loaded, scene.ground.gravity(), coordinates or Coordinates.identity(n), distance
+    )
     ends = Boundary(start, v0), Boundary(goal, v1)
-    return Case(scene, Transcription(model, *ends, bounds, intervals=N, reference=REFERENCE, hold=hold))
+    return Case(
+        scene, Transcription(model, *ends, bounds, intervals=N, reference=REFERENCE, hold=hold)
+    )
 
 
 @pytest.fixture(
     params=[
-        (m, v, h) for m in ("feller_buncher", "slider", "simplified") for v in (False, True) for h in (CONSTANT, LINEAR)
+        (m, v, h)
+        for m in ("feller_buncher", "slider", "simplified")
+        for v in (False, True)
+        for h in (CONSTANT, LINEAR)
     ],
-    ids=lambda p: f"{p[0]}-{'moving' if p[1] else 'rest'}-{'constant' if p[2] is CONSTANT else 'linear'}",
+    ids=lambda p: (
+        f"{p[0]}-{'moving' if p[1] else 'rest'}-{'constant' if p[2] is CONSTANT else 'linear'}"
+    ),
 )
 def case(request: pytest.FixtureRequest) -> Case:
     machine, moving, hold = request.param
@@ -93,15 +103,21 @@ def test_inequality_jacobian_but_for_the_middle_control_points(case: Case) -> No
     expected = central_differences(lambda at: case.nlp.evaluate(at).inequalities, x)
     rest = np.ones(len(expected), dtype=bool)
     rest[middle_rows(case)] = False
-    np.testing.assert_allclose(case.nlp.linearize(x).C.toarray()[rest], expected[rest], atol=DERIVATIVE)
+    np.testing.assert_allclose(
+        case.nlp.linearize(x).C.toarray()[rest], expected[rest], atol=DERIVATIVE
+    )
 
 
 def test_inequality_jacobian_along_the_manifold_of_closed_gaps(case: Case) -> None:
     x = case.point()
     lin = case.nlp.linearize(x)
     Z = lin.basis.Z
-    expected = central_differences(lambda y: case.nlp.evaluate(x + Z @ y).inequalities, np.zeros(Z.shape[1]))
-    np.testing.assert_allclose(lin.C @ Z, expected, atol=DERIVATIVE * max(1.0, float(np.abs(Z).max())))
+    expected = central_differences(
+        lambda y: case.nlp.evaluate(x + Z @ y).inequalities, np.zeros(Z.shape[1])
+    )
+    np.testing.assert_allclose(
+        lin.C @ Z, expected, atol=DERIVATIVE * max(1.0, float(np.abs(Z).max()))
+    )
 
 
 def test_objective_gradients(case: Case) -> None:
@@ -127,17 +143,23 @@ def test_basis_spans_the_null_space_of_the_gaps_and_closes_them(case: Case) -> N
     assert np.linalg.matrix_rank(basis.Z) == basis.Z.shape[1] == len(case.nlp.layout.free)
     assert basis.Z.shape[1] == basis.Z.shape[0] - basis.eliminated
     np.testing.assert_allclose(gaps @ basis.Z, 0.0, atol=ROUNDING)
-    np.testing.assert_allclose(gaps @ basis.d, -lin.at.equalities[: basis.eliminated], atol=ROUNDING)
+    np.testing.assert_allclose(
+        gaps @ basis.d, -lin.at.equalities[: basis.eliminated], atol=ROUNDING
+    )
     np.testing.assert_array_equal(basis.Z[basis.free], np.eye(basis.Z.shape[1]))
     np.testing.assert_array_equal(basis.d[basis.free], 0.0)
 
 
-def test_a_basis_that_is_only_its_products_is_the_dense_one(case: Case, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_basis_that_is_only_its_products_is_the_dense_one(
+    case: Case, monkeypatch: pytest.MonkeyPatch
+) -> None:
     nlp, rng = case.nlp, np.random.default_rng(5)
     ties = slope_ties(np.ones((nlp.N, nlp.n))) if nlp.hold is LINEAR else None
     x = case.anywhere()
     for tied in (None, ties) if ties is not None else (None,):
-        dense, implicit = (transcribed(nlp, tied, monkeypatch, most).linearize(x).basis.Z for most in (10**7, 0))
+        dense, implicit = (
+            transcribed(nlp, tied, monkeypatch, most).linearize(x).basis.Z for most in (10**7, 0)
+        )
         assert isinstance(implicit, NullSpace)
         assert implicit.shape == dense.shape
         move, moves = rng.normal(size=dense.shape[1]), rng.normal(size=(dense.shape[1], 3))
@@ -152,13 +174,24 @@ def test_a_basis_that_is_only_its_products_is_the_dense_one(case: Case, monkeypa
             (implicit[[0, 3, -1]], dense[[0, 3, -1]]),
             (implicit[:-1], dense[:-1]),
         ):
-            np.testing.assert_allclose(left, right, atol=1e-12 * max(1.0, float(np.abs(right).max())))
+            np.testing.assert_allclose(
+                left, right, atol=1e-12 * max(1.0, float(np.abs(right).max()))
+            )
 
 
-def transcribed(nlp: Transcription, ties: Any, monkeypatch: pytest.MonkeyPatch, most: int) -> Transcription:
+def transcribed(
+    nlp: Transcription, ties: Any, monkeypatch: pytest.MonkeyPatch, most: int
+) -> Transcription:
     monkeypatch.setattr(null_space, "MOST_ENTRIES", most)
     return Transcription(
-        nlp.model, nlp.start, nlp.goal, nlp.bounds, intervals=nlp.N, reference=nlp.reference, hold=nlp.hold, ties=ties
+        nlp.model,
+        nlp.start,
+        nlp.goal,
+        nlp.bounds,
+        intervals=nlp.N,
+        reference=nlp.reference,
+        hold=nlp.hold,
+        ties=ties,
     )
 
 
@@ -173,7 +206,9 @@ def test_hessian_of_the_lagrangian(case: Case) -> None:
 
     H = nlp.hessian(x, y[lin.basis.eliminated :], z, convex=False).toarray()
     expected = central_differences(lambda at: lagrangian_gradient(nlp, at, y, z), x)
-    np.testing.assert_allclose(H, expected, atol=CURVATURE * max(1.0, float(np.abs(expected).max())))
+    np.testing.assert_allclose(
+        H, expected, atol=CURVATURE * max(1.0, float(np.abs(expected).max()))
+    )
     np.testing.assert_allclose(H, H.T, atol=ROUNDING * float(np.abs(H).max()))
 
 
@@ -204,14 +239,17 @@ def test_wrench_curvature(case: Case) -> None:
     np.testing.assert_allclose(found, expected, atol=CURVATURE * float(np.abs(expected).max()))
 
 
-# --- points -----------------------------------------------------------------------------------------------------------
+# --- points
+# -----------------------------------------------------------------------------------------------------------
 
 
 def test_pack_closes_the_gaps_and_unpack_undoes_it(case: Case) -> None:
     rng = np.random.default_rng(9)
     controls = rng.normal(0.0, 3.0, (N, case.nlp.hold.controls, case.nlp.n))
     x = case.nlp.pack(controls, 5.0)
-    np.testing.assert_allclose(case.nlp.evaluate(x).equalities[: case.nlp.layout.eliminated], 0.0, atol=ROUNDING)
+    np.testing.assert_allclose(
+        case.nlp.evaluate(x).equalities[: case.nlp.layout.eliminated], 0.0, atol=ROUNDING
+    )
     _, _, back, S = case.nlp.unpack(x)
     np.testing.assert_allclose(back, controls, rtol=ROUNDING)
     assert pytest.approx(5.0, rel=ROUNDING) == S

@@ -16,7 +16,8 @@ from zmp_sqp.simulation.multibody import contact_time, multibody_spec
 mujoco = pytest.importorskip("mujoco")
 pytestmark = pytest.mark.physics
 
-ENGINES = 1e-7  # relative: two engines on the same numbers; bodies get a billionth of their inertia on top
+# relative: two engines on the same numbers; bodies get a billionth of their inertia on top
+ENGINES = 1e-7
 STATIC = 1e-5  # [m] issue 5: static ZMP from contact forces against ours
 ODD = """<robot name="odd">
   <link name="base"><inertial><origin xyz="0.1 0 0.3"/><mass value="400"/>
@@ -28,7 +29,8 @@ ODD = """<robot name="odd">
   <link name="ram"><inertial><mass value="20"/>
     <inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="2"/></inertial></link>
   <joint name="ram" type="prismatic"><parent link="wheel"/><child link="ram"/>
-    <origin xyz="0 0.3 0.1" rpy="0.1 0.5 0"/><axis xyz="0 0.6 -0.8"/><limit lower="-1" upper="1"/></joint>
+    <origin xyz="0 0.3 0.1" rpy="0.1 0.5 0"/><axis xyz="0 0.6 -0.8"/><limit lower="-1"
+    upper="1"/></joint>
   <link name="fork"><inertial><origin xyz="0.1 0 0"/><mass value="30"/>
     <inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="2"/></inertial></link>
   <joint name="fork" type="revolute"><parent link="base"/><child link="fork"/>
@@ -81,7 +83,9 @@ def test_inertia_and_bias_forces_are_pinocchios(tmp_path: Path, name: str) -> No
     np.testing.assert_allclose(
         theirs[np.ix_(places, places)], mass[np.ix_(order, order)], atol=ENGINES * scale + drives
     )
-    np.testing.assert_allclose(data.qfrc_bias[places], bias[order], atol=ENGINES * np.abs(bias).max())
+    np.testing.assert_allclose(
+        data.qfrc_bias[places], bias[order], atol=ENGINES * np.abs(bias).max()
+    )
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -89,9 +93,13 @@ def test_the_static_zmp_of_the_contact_forces_is_ours(seed: int) -> None:
     scene, poses = random_scene(seed)
     machine, still = scene.load(), np.zeros(5)
     for pose in poses:
-        stand = zs.Trajectory(machine.joint_names, [0.0, 0.01], [pose, pose], np.zeros((2, 5)), np.zeros((1, 5)))
+        stand = zs.Trajectory(
+            machine.joint_names, [0.0, 0.01], [pose, pose], np.zeros((2, 5)), np.zeros((1, 5))
+        )
         replay = zs.replay(machine, stand, scene.ground, hold=0.0)
-        np.testing.assert_allclose(replay.zmp[-1], zs.zmp(machine, pose, still, still, scene.ground), atol=STATIC)
+        np.testing.assert_allclose(
+            replay.zmp[-1], zs.zmp(machine, pose, still, still, scene.ground), atol=STATIC
+        )
         weight = -machine.mass * scene.ground.gravity()[2]
         assert replay.loads[-1].sum() == pytest.approx(weight, rel=1e-6)
         assert replay.lift < 1e-5
@@ -100,10 +108,14 @@ def test_the_static_zmp_of_the_contact_forces_is_ours(seed: int) -> None:
 
 def test_ground_sinks_as_far_as_it_is_told_to() -> None:
     """To a factor: MuJoCo scales a foot's spring by the inertia that it meets there, not by a quarter of the mass."""
-    machine = zs.load_machine("slewing_crane", support=zs.SupportPolygon([[-2, -2], [2, -2], [2, 2], [-2, 2]]))
+    machine = zs.load_machine(
+        "slewing_crane", support=zs.SupportPolygon([[-2, -2], [2, -2], [2, 2], [-2, 2]])
+    )
     pose = np.zeros(1)
     for sinkage in (1e-4, 1e-3, 1e-2):
-        motion: Any = zs.Trajectory(machine.joint_names, [0.0, 0.01], [pose, pose], np.zeros((2, 1)), np.zeros((1, 1)))
+        motion: Any = zs.Trajectory(
+            machine.joint_names, [0.0, 0.01], [pose, pose], np.zeros((2, 1)), np.zeros((1, 1))
+        )
         replay = zs.replay(machine, motion, zs.Slope(), sinkage=sinkage)
         assert 0.3 * sinkage < -replay.lifts[-1].mean() < 3.0 * sinkage
         assert contact_time(sinkage) > 2e-3

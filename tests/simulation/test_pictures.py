@@ -20,10 +20,15 @@ image = pytest.importorskip("PIL.Image")
 @pytest.fixture(scope="module")
 def replays() -> dict[str, zs.Replay]:
     pytest.importorskip("mujoco")
-    return {name: zs.replay(*push(a, 0.2), zs.Slope(roll=0.1), hold=0.3) for name, a in (("calm", 1.0), ("wild", 9.0))}
+    return {
+        name: zs.replay(*push(a, 0.2), zs.Slope(roll=0.1), hold=0.3)
+        for name, a in (("calm", 1.0), ("wild", 9.0))
+    }
 
 
-def test_a_strip_has_a_row_per_motion_and_shows_something(replays: dict[str, zs.Replay], tmp_path: Path) -> None:
+def test_a_strip_has_a_row_per_motion_and_shows_something(
+    replays: dict[str, zs.Replay], tmp_path: Path
+) -> None:
     path = tmp_path / "strip.png"
     try:
         draw_strip(replays, path, moments=3, width=120)
@@ -36,7 +41,9 @@ def test_a_strip_has_a_row_per_motion_and_shows_something(replays: dict[str, zs.
     assert np.abs(rows[0] - rows[1])[:, 240:].max() > 50.0  # at the end they stand differently
 
 
-def test_a_video_has_a_frame_every_20th_of_a_second(replays: dict[str, zs.Replay], tmp_path: Path) -> None:
+def test_a_video_has_a_frame_every_20th_of_a_second(
+    replays: dict[str, zs.Replay], tmp_path: Path
+) -> None:
     path = tmp_path / "video.gif"
     try:
         draw_video({"calm": replays["calm"]}, path, width=80)
@@ -64,11 +71,14 @@ def test_a_missing_pillow_says_how_to_install_it(
 
 
 def test_every_machine_has_something_to_draw() -> None:
-    tree = zs.Payload(mass=4000.0, com=(0.0, 0.0, 3.3), frame="head", inertia=np.diag([21333.3, 21333.3, 125.0]))
+    tree = zs.Payload(
+        mass=4000.0, com=(0.0, 0.0, 3.3), frame="head", inertia=np.diag([21333.3, 21333.3, 125.0])
+    )
     buncher = zs.load_machine("feller_buncher").with_payload(tree)
     *_, stem = machine_solids(buncher)
     assert stem.kind == "cylinder"
-    assert stem.size == pytest.approx((0.25, 4.0), rel=0.01)  # radius and half length of the tree that was asked for
+    # radius and half length of the tree that was asked for
+    assert stem.size == pytest.approx((0.25, 4.0), rel=0.01)
     *_, point = machine_solids(buncher.with_point_masses())
     assert point.kind == "cylinder"
     assert point.size[1] == pytest.approx(3.3)  # from the head to as far beyond its centre of mass

@@ -15,9 +15,11 @@ from tests.problems import GRAVITY, HARD, ORDINARY, SLIDER_HEIGHT, NamedProblem,
 
 pytestmark = pytest.mark.physics
 
-IN_MOTION = 1e-3  # [m] median distance of the two ZMPs: at jumps of the acceleration the contacts lag by a step
+# [m] median distance of the two ZMPs: at jumps of the acceleration the contacts lag by a step
+IN_MOTION = 1e-3
 STANDS = 5e-5  # [m] lift of a machine that stands, fifty times what the rigid contacts yield
-ROCKING = 0.05  # relative: the closed form neither turns gravity nor moves the slider while the machine rocks
+# relative: the closed form neither turns gravity nor moves the slider while the machine rocks
+ROCKING = 0.05
 
 
 @pytest.fixture(autouse=True)
@@ -29,12 +31,20 @@ def _engine() -> None:
 def motions(point_masses: bool, margin: float) -> tuple[NamedProblem, zs.Trajectory, zs.Trajectory]:
     named = paper_1(point_masses=point_masses, margin=margin)
     problem = named.problem
-    return named, zs.plan(problem).trajectory, zs.phase_plane(problem.machine, problem.start, problem.goal)
+    return (
+        named,
+        zs.plan(problem).trajectory,
+        zs.phase_plane(problem.machine, problem.start, problem.goal),
+    )
 
 
-def push(acceleration: float, time: float, *, rate: float = 0.0) -> tuple[zs.Machine, zs.Trajectory]:
+def push(
+    acceleration: float, time: float, *, rate: float = 0.0
+) -> tuple[zs.Machine, zs.Trajectory]:
     """The slider on a foot of 1 m x 4 m, pushed from its middle."""
-    machine = zs.load_machine("slider", support=zs.SupportPolygon([[-0.5, -2], [0.5, -2], [0.5, 2], [-0.5, 2]]))
+    machine = zs.load_machine(
+        "slider", support=zs.SupportPolygon([[-0.5, -2], [0.5, -2], [0.5, 2], [-0.5, 2]])
+    )
     end = [rate * time + 0.5 * acceleration * time**2], [rate + acceleration * time]
     states = ([[0.0], end[0]], [[rate], end[1]], [[acceleration]])
     return machine, zs.Trajectory(machine.joint_names, [0.0, time], *states)
@@ -60,7 +70,8 @@ def test_the_phase_plane_tips_the_papers_machine_over_and_ours_does_not(point_ma
     assert stands.slide < STANDS
     assert np.isnan(stands.lifted_at)
     assert stands.tracking_error < 1e-6
-    assert stands.times[-1] == pytest.approx(planned.duration + 1.0, abs=2e-3)  # it is watched at rest, too
+    # it is watched at rest, too
+    assert stands.times[-1] == pytest.approx(planned.duration + 1.0, abs=2e-3)
     assert stands.loads[-1].sum() == pytest.approx(-machine.mass * ground.gravity()[2], rel=1e-4)
 
 
@@ -80,7 +91,9 @@ def test_the_zmp_of_the_contact_forces_is_ours_in_motion_too() -> None:
     named, planned, _ = motions(False, 0.1)
     replay = zs.replay(named.problem.machine, planned, named.problem.ground, hold=0.0)
     inner = replay.times < planned.duration
-    ours = zs.trajectory_zmp(named.problem.machine, planned, replay.times[inner], named.problem.ground)
+    ours = zs.trajectory_zmp(
+        named.problem.machine, planned, replay.times[inner], named.problem.ground
+    )
     assert np.median(np.linalg.norm(replay.zmp[inner] - ours, axis=1)) < IN_MOTION
 
 
@@ -100,7 +113,9 @@ def test_a_push_past_the_edge_lifts_as_a_rocking_body_does(time: float) -> None:
 
 def test_the_verdict_does_not_hang_on_the_time_step() -> None:
     machine, trajectory = push(4.0, 0.1)
-    lifts = [zs.replay(machine, trajectory, zs.Slope(), time_step=h).lift for h in (2e-3, 1e-3, 2.5e-4)]
+    lifts = [
+        zs.replay(machine, trajectory, zs.Slope(), time_step=h).lift for h in (2e-3, 1e-3, 2.5e-4)
+    ]
     assert lifts == pytest.approx([lifts[-1]] * 3, rel=0.05)
 
 
@@ -119,7 +134,8 @@ def test_margin_and_physics_agree_but_for_short_excursions(recipe: Recipe, seed:
         assert row["margin"] < 0.0 or row["lift"] < STANDS, row
 
 
-# --- what is refused --------------------------------------------------------------------------------------------------
+# --- what is refused
+# --------------------------------------------------------------------------------------------------
 
 
 def test_a_missing_engine_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -170,5 +186,7 @@ def driving(trajectory: zs.Trajectory, poses: np.ndarray) -> zs.Trajectory:
 
     from zmp_sqp.planning import UnicycleMotion
 
-    base = UnicycleMotion(trajectory.times, poses, np.zeros((2, 2)), np.zeros((1, 2)), np.zeros((1, 2)))
+    base = UnicycleMotion(
+        trajectory.times, poses, np.zeros((2, 2)), np.zeros((1, 2)), np.zeros((1, 2))
+    )
     return replace(trajectory, base=base)

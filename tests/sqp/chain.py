@@ -21,7 +21,8 @@ BEND = 0.3
 class Chain:
     """x = (p_0..p_N, v_0..v_N, u_0..u_{N-1}): least effort from rest at 0 to rest at 1/2, starting off with v_0 = 3.
 
-    The first equalities are the first state and the gaps, the last two the goal. With `condenses` a basis comes along.
+    The first equalities are the first state and the gaps, the last two the goal. With `condenses` a
+    basis comes along.
     """
 
     N: int = 12
@@ -49,16 +50,27 @@ class Chain:
     def linearize(self, x: Array) -> Linearization:
         p, v, u = np.split(x, [self.N + 1, 2 * self.N + 2])
         gradient = np.concatenate([0.0 * p, RATE_WEIGHT * v, u]) / self.N
-        ceiling = sp.hstack([sp.diags_array(1.0 + 2.0 * BEND * p), sp.csr_array((self.N + 1, 2 * self.N + 1))])
+        ceiling = sp.hstack(
+            [sp.diags_array(1.0 + 2.0 * BEND * p), sp.csr_array((self.N + 1, 2 * self.N + 1))]
+        )
         bounds = sp.hstack([sp.csr_array((self.N, 2 * self.N + 2)), sp.eye_array(self.N)])
         C = sp.csr_array(sp.vstack([ceiling, bounds, -bounds]))
         at = self.evaluate(x)
-        return Linearization(at, gradient, np.zeros(self.size), self._A, C, self._basis(at) if self.condenses else None)
+        return Linearization(
+            at,
+            gradient,
+            np.zeros(self.size),
+            self._A,
+            C,
+            self._basis(at) if self.condenses else None,
+        )
 
     def hessian(self, x: Array, y: Array, z: Array, *, convex: bool) -> sp.csr_array:
         p = 2.0 * BEND * z[: self.N + 1]
         return sp.csr_array(
-            sp.diags_array(np.concatenate([p, np.r_[[RATE_WEIGHT] * (self.N + 1), [1.0] * self.N] / self.N]))
+            sp.diags_array(
+                np.concatenate([p, np.r_[[RATE_WEIGHT] * (self.N + 1), [1.0] * self.N] / self.N])
+            )
         )
 
     def optimality_gap(self, x: Array) -> float:
@@ -69,7 +81,11 @@ class Chain:
         N, h = self.N, 1.0 / self.N
         ahead, here = sp.eye_array(N, N + 1, k=1), sp.eye_array(N, N + 1)
         first, last = (sp.csr_array(([1.0], ([0], [k])), shape=(1, N + 1)) for k in (0, N))
-        rows = [[first, None, None], [None, first, None], [ahead - here, -h * here, -0.5 * h**2 * sp.eye_array(N)]]
+        rows = [
+            [first, None, None],
+            [None, first, None],
+            [ahead - here, -h * here, -0.5 * h**2 * sp.eye_array(N)],
+        ]
         rows += [[None, ahead - here, -h * sp.eye_array(N)], [last, None, None], [None, last, None]]
         return sp.csr_array(sp.block_array(rows))
 
@@ -81,5 +97,7 @@ class Chain:
         states, kept = 2 * self.N + 2, 2 * self.N + 2
         A = self._A.toarray()[:kept]
         Z = np.vstack([-np.linalg.solve(A[:, :states], A[:, states:]), np.eye(self.N)])
-        d = np.concatenate([-np.linalg.solve(A[:, :states], at.equalities[:kept]), np.zeros(self.N)])
+        d = np.concatenate(
+            [-np.linalg.solve(A[:, :states], at.equalities[:kept]), np.zeros(self.N)]
+        )
         return Basis(Z, d, np.arange(states, self.size), kept)

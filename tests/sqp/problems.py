@@ -1,8 +1,9 @@
 """Textbook programs with their published optimum: no machine in sight.
 
-Numbers and formulas: W. Hock, K. Schittkowski, Test Examples for Nonlinear Programming Codes, Lecture Notes in
-Economics and Mathematical Systems 187, Springer 1981 ("HS"). There g(x) >= 0, here c = -g <= 0. Gradients are complex
-steps, exact to rounding; Hessians are central differences of them.
+Numbers and formulas: W. Hock, K. Schittkowski, Test Examples for Nonlinear Programming Codes,
+    Lecture Notes in
+Economics and Mathematical Systems 187, Springer 1981 ("HS"). There g(x) >= 0, here c = -g <= 0.
+Gradients are complex steps, exact to rounding; Hessians are central differences of them.
 """
 
 from __future__ import annotations
@@ -63,13 +64,24 @@ class Textbook:
         self.evaluations.append(np.array(x))
         with np.errstate(all="ignore"):
             return Evaluation(
-                float(self.objective(x)), 0.0, _vector(self.equalities(x)).real, self._inequalities(x).real
+                float(self.objective(x)),
+                0.0,
+                _vector(self.equalities(x)).real,
+                self._inequalities(x).real,
             )
 
     def linearize(self, x: Array) -> Linearization:
-        gradient, A, C = (self._jacobian(part, x) for part in (self._objective, self._equalities, self._inequalities))
+        gradient, A, C = (
+            self._jacobian(part, x)
+            for part in (self._objective, self._equalities, self._inequalities)
+        )
         return Linearization(
-            self.evaluate(x), gradient[0], np.zeros(len(x)), sp.csr_array(A), sp.csr_array(C), basis=None
+            self.evaluate(x),
+            gradient[0],
+            np.zeros(len(x)),
+            sp.csr_array(A),
+            sp.csr_array(C),
+            basis=None,
         )
 
     def hessian(self, x: Array, y: Array, z: Array, *, convex: bool) -> sp.csr_array:
@@ -103,7 +115,9 @@ class Textbook:
 
     def _jacobian(self, function: Function, x: Array) -> Array:
         with np.errstate(all="ignore"):
-            columns = [function(x + 1j * COMPLEX_STEP * e).imag / COMPLEX_STEP for e in np.eye(len(x))]
+            columns = [
+                function(x + 1j * COMPLEX_STEP * e).imag / COMPLEX_STEP for e in np.eye(len(x))
+            ]
         return np.column_stack(columns)
 
 
@@ -122,7 +136,15 @@ def _hs43_rows(x: Array) -> list[Any]:
 
 def _hs100_objective(x: Array) -> Any:
     a, b, c, d, e, f, g = x
-    squares = (a - 10.0) ** 2 + 5.0 * (b - 12.0) ** 2 + c**4 + 3.0 * (d - 11.0) ** 2 + 10.0 * e**6 + 7.0 * f**2 + g**4
+    squares = (
+        (a - 10.0) ** 2
+        + 5.0 * (b - 12.0) ** 2
+        + c**4
+        + 3.0 * (d - 11.0) ** 2
+        + 10.0 * e**6
+        + 7.0 * f**2
+        + g**4
+    )
     return squares - 4.0 * f * g - 10.0 * f - 8.0 * g
 
 
@@ -160,11 +182,27 @@ def _hs76_objective(x: Array) -> Any:
 
 def _hs35_objective(x: Array) -> Any:
     a, b, c = x
-    return 9.0 - 8.0 * a - 6.0 * b - 4.0 * c + 2.0 * a**2 + 2.0 * b**2 + c**2 + 2.0 * a * b + 2.0 * a * c
+    return (
+        9.0
+        - 8.0 * a
+        - 6.0 * b
+        - 4.0 * c
+        + 2.0 * a**2
+        + 2.0 * b**2
+        + c**2
+        + 2.0 * a * b
+        + 2.0 * a * c
+    )
 
 
 HOCK_SCHITTKOWSKI = (
-    Textbook("HS6", (-1.2, 1.0), 0.0, lambda x: (1.0 - x[0]) ** 2, equalities=lambda x: [10.0 * (x[1] - x[0] ** 2)]),
+    Textbook(
+        "HS6",
+        (-1.2, 1.0),
+        0.0,
+        lambda x: (1.0 - x[0]) ** 2,
+        equalities=lambda x: [10.0 * (x[1] - x[0] ** 2)],
+    ),
     Textbook(
         "HS7",
         (2.0, 2.0),
@@ -207,7 +245,15 @@ HOCK_SCHITTKOWSKI = (
         "HS43",
         (0.0, 0.0, 0.0, 0.0),
         -44.0,
-        lambda x: x[0] ** 2 + x[1] ** 2 + 2.0 * x[2] ** 2 + x[3] ** 2 - 5.0 * (x[0] + x[1]) - 21.0 * x[2] + 7.0 * x[3],
+        lambda x: (
+            x[0] ** 2
+            + x[1] ** 2
+            + 2.0 * x[2] ** 2
+            + x[3] ** 2
+            - 5.0 * (x[0] + x[1])
+            - 21.0 * x[2]
+            + 7.0 * x[3]
+        ),
         inequalities=_hs43_rows,
     ),
     Textbook(
@@ -232,7 +278,13 @@ HOCK_SCHITTKOWSKI = (
         ],
         lower=0.0,
     ),
-    Textbook("HS100", (1.0, 2.0, 0.0, 4.0, 0.0, 1.0, 1.0), 680.6300573, _hs100_objective, inequalities=_hs100_rows),
+    Textbook(
+        "HS100",
+        (1.0, 2.0, 0.0, 4.0, 0.0, 1.0, 1.0),
+        680.6300573,
+        _hs100_objective,
+        inequalities=_hs100_rows,
+    ),
     Textbook(
         "HS104",
         (6.0, 3.0, 0.4, 0.2, 6.0, 6.0, 1.0, 0.5),
@@ -244,8 +296,9 @@ HOCK_SCHITTKOWSKI = (
     ),
 )
 
-# Nocedal & Wright 2006, example 15.4: from a point of the circle the full step, which is excellent, raises both the
-# objective and the violation, so that every penalty function refuses it. The minimum is (1, 0).
+# Nocedal & Wright 2006, example 15.4: from a point of the circle the full step, which is excellent,
+# raises both the objective and the violation, so that every penalty function refuses it. The
+# minimum is (1, 0).
 MARATOS = Textbook(
     "Maratos",
     (np.cos(0.8), np.sin(0.8)),

@@ -46,7 +46,11 @@ def test_its_bits_do_not_depend_on_the_last_digits_of_the_guess(seed: int) -> No
     found = {
         ActiveSetMethod(qp)
         .solve(
-            replace(guess, x=guess.x + 1e-12 * rng.normal(size=qp.size), z=guess.z * (1.0 + 1e-12 * rng.normal())),
+            replace(
+                guess,
+                x=guess.x + 1e-12 * rng.normal(size=qp.size),
+                z=guess.z * (1.0 + 1e-12 * rng.normal()),
+            ),
             most_pivots=PIVOTS,
         )
         .x.tobytes()
@@ -60,7 +64,15 @@ def test_a_variable_pressed_hard_against_its_rows_keeps_its_digits() -> None:
     rng = np.random.default_rng(0)
     H = np.diag(np.append(np.full(30, 4e-5), 1e-8))
     C = np.hstack([rng.normal(size=(50, 30)), -np.ones((50, 1))])
-    qp = QP(H, np.append(np.zeros(30), 1.0), np.zeros((0, 31)), np.zeros(0), C, np.full(50, -np.inf), -np.ones(50))
+    qp = QP(
+        H,
+        np.append(np.zeros(30), 1.0),
+        np.zeros((0, 31)),
+        np.zeros(0),
+        C,
+        np.full(50, -np.inf),
+        -np.ones(50),
+    )
     found = ActiveSetMethod(qp).solve(reference(qp), most_pivots=PIVOTS)
     assert found is not None
     assert max(found.residuals(qp)) <= 1e-9
@@ -104,11 +116,15 @@ def test_no_random_program_gets_a_wrong_answer() -> None:
         upper = C @ inside + rng.uniform(-0.2, 1.0, m)
         lower = np.where(rng.random(m) < 0.3, upper - rng.uniform(0.0, 2.0, m), -np.inf)
         H = np.diag(10.0 ** rng.uniform(-8.0, 2.0, n)) * rng.choice([0.0, 1.0], p=[0.1, 0.9])
-        qp = QP(H, rng.normal(size=n) * 10.0 ** rng.uniform(-3.0, 4.0), A, A @ inside, C, lower, upper)
+        qp = QP(
+            H, rng.normal(size=n) * 10.0 ** rng.uniform(-3.0, 4.0), A, A @ inside, C, lower, upper
+        )
         found = backend.solve(qp)
         again = backend.solve(qp, warm=found) if np.isfinite(found.x).all() else found
         for solution in (found, again):
             primal, dual = solution.residuals(qp)
             solved += solution.solved
-            assert not solution.solved or (primal <= 1e-6 and dual <= 1e-5 * max(1.0, np.abs(qp.g).max()))
+            assert not solution.solved or (
+                primal <= 1e-6 and dual <= 1e-5 * max(1.0, np.abs(qp.g).max())
+            )
     assert solved > 200

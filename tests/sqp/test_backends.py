@@ -15,12 +15,14 @@ from zmp_sqp.sqp.backends import make_backend
 from zmp_sqp.sqp.backends.deadline import Punctual, TimeLimited
 from zmp_sqp.sqp.qp import QP, QPSolution
 
-AGREEMENT = 1e-6  # of minimisers whose Hessians have eigenvalues of at least 0.1: residuals of 1e-8, ten times over
+# of minimisers whose Hessians have eigenvalues of at least 0.1: residuals of 1e-8, ten times over
+AGREEMENT = 1e-6
 RESIDUAL = 1e-6  # primal, and dual per unit gradient; default tolerances of daqp are the widest
 PATIENCE = 10.0  # [s] for a QP with 30 variables; all need milliseconds
 
 BACKENDS = ("proxqp", "piqp", *(f"qpsolvers:{name}" for name in qpsolvers.available_solvers))
-# Through qpsolvers ProxQP's infeasibility test cannot be turned down: it gives up on feasible QPs, and says so.
+# Through qpsolvers ProxQP's infeasibility test cannot be turned down: it gives up on feasible QPs,
+# and says so.
 RELIABLE = tuple(name for name in BACKENDS if name != "qpsolvers:proxqp")
 
 
@@ -30,7 +32,10 @@ def random_qp(seed: int, *, variables: int = 30, equalities: int = 4, rows: int 
     root = rng.standard_normal((variables, variables)) / np.sqrt(variables)
     A, C = rng.standard_normal((equalities, variables)), rng.standard_normal((rows, variables))
     inside = rng.standard_normal(variables)
-    lower, upper = C @ inside - rng.uniform(0.0, 1.0, rows), C @ inside + rng.uniform(0.0, 1.0, rows)
+    lower, upper = (
+        C @ inside - rng.uniform(0.0, 1.0, rows),
+        C @ inside + rng.uniform(0.0, 1.0, rows),
+    )
     kind = rng.integers(0, 3, rows)
     lower[kind == 0], upper[kind == 1] = -np.inf, np.inf
     H = root @ root.T + 0.1 * np.eye(variables)
@@ -41,13 +46,20 @@ def infeasible_qp() -> QP:
     """x_0 >= 1 and x_0 <= -1."""
     C = np.vstack([np.eye(3), np.eye(1, 3)])
     return QP(
-        np.eye(3), np.ones(3), np.zeros((0, 3)), np.zeros(0), C, np.array([1.0, -9.0, -9.0, -9.0]),
+        np.eye(3),
+        np.ones(3),
+        np.zeros((0, 3)),
+        np.zeros(0),
+        C,
+        np.array([1.0, -9.0, -9.0, -9.0]),
         np.array([9.0, 9.0, 9.0, -1.0]),
-    )  # fmt: skip
+    )
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_all_backends_agree_and_their_multipliers_satisfy_the_optimality_conditions(seed: int) -> None:
+def test_all_backends_agree_and_their_multipliers_satisfy_the_optimality_conditions(
+    seed: int,
+) -> None:
     qp = random_qp(seed)
     found = []
     for name in RELIABLE:
@@ -111,7 +123,9 @@ def test_the_answer_to_an_unbounded_qp_is_never_believed(name: str) -> None:
 
 @pytest.mark.parametrize("part", ["H", "g", "A", "b", "C", "l", "u"])
 @pytest.mark.parametrize("name", BACKENDS)
-def test_nan_in_the_data_is_neither_an_exception_nor_a_hang_nor_a_solution(name: str, part: str) -> None:
+def test_nan_in_the_data_is_neither_an_exception_nor_a_hang_nor_a_solution(
+    name: str, part: str
+) -> None:
     qp = random_qp(6)
     entries = getattr(qp, part).copy()
     entries.flat[1] = np.nan
@@ -151,7 +165,9 @@ def test_a_warm_start_saves_iterations() -> None:
 def test_a_warm_start_that_is_far_off_does_no_harm() -> None:
     qp = random_qp(9)
     rng = np.random.default_rng(0)
-    off = QPSolution(*(100.0 * rng.standard_normal(len(part)) for part in (qp.g, qp.b, qp.u)), True, 0, "guess")
+    off = QPSolution(
+        *(100.0 * rng.standard_normal(len(part)) for part in (qp.g, qp.b, qp.u)), True, 0, "guess"
+    )
     for name in RELIABLE:
         solution = make_backend(name).solve(qp, warm=off)
         assert max(solution.residuals(qp)) <= RESIDUAL * np.abs(qp.g).max(), name
@@ -160,10 +176,14 @@ def test_a_warm_start_that_is_far_off_does_no_harm() -> None:
 def test_a_multiplier_far_from_its_bound_is_not_called_solved() -> None:
     """ProxQP without its duality gap stopped 4e-5 short of the bound that its multiplier pushed against."""
     qp = QP(
-        np.eye(2), np.array([-0.02, -2.0]), np.zeros((0, 2)), np.zeros(0),
-        np.array([[-10.0, 1.0], [-1.0, 0.0], [0.0, -1.0], [1.0, 0.0], [0.0, 1.0]]), np.full(5, -np.inf),
+        np.eye(2),
+        np.array([-0.02, -2.0]),
+        np.zeros((0, 2)),
+        np.zeros(0),
+        np.array([[-10.0, 1.0], [-1.0, 0.0], [0.0, -1.0], [1.0, 0.0], [0.0, 1.0]]),
+        np.full(5, -np.inf),
         np.array([-19.0, -3.0, 49.0, 51.0, 51.0]),
-    )  # fmt: skip
+    )
     for name in BACKENDS:
         assert max(make_backend(name).solve(qp).residuals(qp)) <= RESIDUAL, name
 

@@ -27,7 +27,9 @@ def cases(draw: st.DrawFn) -> tuple[np.ndarray, np.ndarray]:
 
 @given(cases())
 @settings(max_examples=200, deadline=None)
-def test_the_result_is_symmetric_with_eigenvalues_above_the_floor(case: tuple[np.ndarray, np.ndarray]) -> None:
+def test_the_result_is_symmetric_with_eigenvalues_above_the_floor(
+    case: tuple[np.ndarray, np.ndarray],
+) -> None:
     H, rows = case
     convex = convexified(H, rows, floor=FLOOR)
     assert np.array_equal(convex, convex.T)
@@ -44,7 +46,8 @@ def test_it_agrees_with_the_hessian_where_rows_leave_freedom_and_it_is_convex_th
     if N.shape[1] == 0:
         return
     least = np.linalg.eigvalsh(N.T @ H @ N).min()
-    H = H + max(0.0, 2.0 * FLOOR - least) * N @ N.T  # now positive definite on the null space, and only made so there
+    # now positive definite on the null space, and only made so there
+    H = H + max(0.0, 2.0 * FLOOR - least) * N @ N.T
     reduced = N.T @ convexified(H, rows, floor=FLOOR) @ N
     assert np.abs(reduced - N.T @ H @ N).max() <= ROUNDING * max(1.0, float(np.abs(H).max()))
 

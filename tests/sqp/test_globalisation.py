@@ -27,13 +27,20 @@ DISCS = Textbook(
     (1.5, 2.0),
     np.inf,
     lambda x: x[1],
-    inequalities=lambda x: [(x[0] + 2.0) ** 2 + x[1] ** 2 - 1.0, (x[0] - 2.0) ** 2 + x[1] ** 2 - 1.0],
+    inequalities=lambda x: [
+        (x[0] + 2.0) ** 2 + x[1] ** 2 - 1.0,
+        (x[0] - 2.0) ** 2 + x[1] ** 2 - 1.0,
+    ],
 )
-NO_ROOT = Textbook("no root", (2.0,), np.inf, lambda x: x[0], inequalities=lambda x: [x[0] ** 2 + 1.0])
+NO_ROOT = Textbook(
+    "no root", (2.0,), np.inf, lambda x: x[0], inequalities=lambda x: [x[0] ** 2 + 1.0]
+)
 
 
 def solve(problem: Textbook, **settings: float) -> SQPResult:
-    return SQP(make_backend("proxqp"), make_backend("piqp"), SQPSettings(**settings)).minimize(problem, problem.x0)
+    return SQP(make_backend("proxqp"), make_backend("piqp"), SQPSettings(**settings)).minimize(
+        problem, problem.x0
+    )
 
 
 def test_the_maratos_effect_is_undone_by_a_second_order_correction() -> None:
@@ -66,7 +73,9 @@ def test_inconsistent_linearised_constraints_are_relaxed_and_then_met() -> None:
 
 @pytest.mark.parametrize("problem", [DISCS, NO_ROOT], ids=lambda problem: problem.name)
 @pytest.mark.parametrize("backend", ["proxqp", "piqp", "qpsolvers:clarabel"])
-def test_an_infeasible_program_is_called_infeasible_at_the_least_violation(problem: Textbook, backend: str) -> None:
+def test_an_infeasible_program_is_called_infeasible_at_the_least_violation(
+    problem: Textbook, backend: str
+) -> None:
     result = SQP(make_backend(backend)).minimize(problem, problem.x0)
     assert result.status.name == "INFEASIBLE"
     assert not result.status.is_feasible
@@ -106,10 +115,15 @@ class Broken:
 def test_a_trial_point_that_cannot_be_evaluated_only_shortens_the_step() -> None:
     problem = replace(named("HS35"), start=(0.0, 0.0, 2.0))
     wall = 1.34  # the minimiser is (4/3, 7/9, 4/9)
-    bowl = replace(problem, objective=lambda x: (x[0] - 1.3) ** 4 + (x[1] - 0.5) ** 2 + (x[2] - 0.1) ** 2 - 3.0 * x[0])
+    bowl = replace(
+        problem,
+        objective=lambda x: (x[0] - 1.3) ** 4 + (x[1] - 0.5) ** 2 + (x[2] - 0.1) ** 2 - 3.0 * x[0],
+    )
     unspoiled = SQP(make_backend("proxqp")).minimize(bowl, bowl.x0)
     assert max(x[0] for x in bowl.evaluations) > wall
-    result = SQP(make_backend("proxqp"), settings=SQPSettings(max_iterations=30)).minimize(Broken(bowl, wall), bowl.x0)
+    result = SQP(make_backend("proxqp"), settings=SQPSettings(max_iterations=30)).minimize(
+        Broken(bowl, wall), bowl.x0
+    )
     assert unspoiled.status.name == "OPTIMAL"
     assert np.isfinite(result.at.objective)
     assert result.x[0] <= wall
@@ -139,7 +153,9 @@ def test_derivatives_that_are_not_finite_end_the_run_without_an_exception(part: 
             H = self.inner.hessian(x, y, z, convex=convex)
             return H * np.nan if part == "hessian" else H
 
-    result = SQP(make_backend("proxqp"), make_backend("piqp")).minimize(Spoiled(problem, np.inf), problem.x0)
+    result = SQP(make_backend("proxqp"), make_backend("piqp")).minimize(
+        Spoiled(problem, np.inf), problem.x0
+    )
     assert result.status.name == "QP_FAILED"
     assert np.array_equal(result.x, problem.x0)
 

@@ -25,7 +25,9 @@ def test_small_steps_change_the_penalty_as_predicted(problem: Textbook) -> None:
         dx = STEP * rng.standard_normal(len(x))
         actual = merit.value(lin.at) - merit.value(problem.evaluate(x + dx))
         scale = STEP * (np.abs(lin.gradient).sum() + abs(lin.A).sum() + abs(lin.C).sum())
-        assert merit.predicted_decrease(lin, dx) == pytest.approx(actual, abs=MODEL_TOLERANCE * scale)
+        assert merit.predicted_decrease(lin, dx) == pytest.approx(
+            actual, abs=MODEL_TOLERANCE * scale
+        )
 
 
 def test_the_penalty_is_infinite_where_the_program_cannot_be_evaluated() -> None:
@@ -46,7 +48,9 @@ def test_nonlinear_rows_count_by_their_largest_violation_and_linear_ones_by_thei
 
 def test_weights_rise_above_the_dual_norms_and_never_fall() -> None:
     merit = Merit(np.array([True, True, False]))
-    merit.raise_weights(Step(np.zeros(1), np.array([-7.0]), np.array([2.0, 3.0, 4.0]), 0.0, True, "none", 1, 3))
+    merit.raise_weights(
+        Step(np.zeros(1), np.array([-7.0]), np.array([2.0, 3.0, 4.0]), 0.0, True, "none", 1, 3)
+    )
     assert merit.nu > 5.0
     assert merit.mu > 7.0
     before = merit.nu, merit.mu
@@ -68,4 +72,5 @@ def test_a_qp_step_lowers_the_penalty_to_first_order() -> None:
         assert step.solved, problem.name
         merit = Merit(problem.nonlinear_rows)
         merit.raise_weights(step)
-        assert merit.predicted_decrease(lin, step.dx) >= float(step.dx @ step.dx) - 1e-6  # dx' H dx and H = I
+        # dx' H dx and H = I
+        assert merit.predicted_decrease(lin, step.dx) >= float(step.dx @ step.dx) - 1e-6

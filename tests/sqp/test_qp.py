@@ -23,7 +23,9 @@ PROGRAM = QP(
     l=np.array([-np.inf, -1.0]),
     u=np.array([1.5, np.inf]),
 )
-SOLUTION = QPSolution(np.array([1.5, 0.5]), np.array([0.5]), np.array([1.0, 0.0]), True, 1, "by hand")
+SOLUTION = QPSolution(
+    np.array([1.5, 0.5]), np.array([0.5]), np.array([1.0, 0.0]), True, 1, "by hand"
+)
 
 
 def test_the_solution_by_hand_has_no_residual() -> None:
@@ -32,7 +34,9 @@ def test_the_solution_by_hand_has_no_residual() -> None:
 
 def test_sparse_and_dense_programs_have_the_same_residuals() -> None:
     off = replace(SOLUTION, x=np.array([1.7, 0.5]), z=np.array([1.0, -0.1]))
-    sparse = replace(PROGRAM, H=sp.csc_matrix(PROGRAM.H), A=sp.csc_matrix(PROGRAM.A), C=sp.csc_matrix(PROGRAM.C))
+    sparse = replace(
+        PROGRAM, H=sp.csc_matrix(PROGRAM.H), A=sp.csc_matrix(PROGRAM.A), C=sp.csc_matrix(PROGRAM.C)
+    )
     assert sparse.is_sparse
     assert not PROGRAM.is_sparse
     assert off.residuals(sparse) == pytest.approx(off.residuals(PROGRAM), abs=ROUNDING)
@@ -42,7 +46,9 @@ def test_sparse_and_dense_programs_have_the_same_residuals() -> None:
     ("x", "violation"),
     [((1.6, 0.5), 0.1), ((1.6, 0.4), 0.1), ((3.2, -1.2), 1.7), ((1.5, 0.75), 0.25)],
 )
-def test_the_primal_residual_is_the_largest_violation(x: tuple[float, float], violation: float) -> None:
+def test_the_primal_residual_is_the_largest_violation(
+    x: tuple[float, float], violation: float
+) -> None:
     primal, _ = replace(SOLUTION, x=np.array(x)).residuals(PROGRAM)
     assert primal == pytest.approx(violation)
 
@@ -56,7 +62,9 @@ def test_a_wrong_multiplier_shows_in_the_dual_residual() -> None:
 
 def test_a_multiplier_on_a_row_that_is_not_active_shows_as_complementarity() -> None:
     """x = 1.25 with multipliers that make it stationary: feasible, but the row that pushes is a quarter away."""
-    inside = QPSolution(np.array([1.25, 0.75]), np.array([0.25]), np.array([1.5, 0.0]), True, 1, "by hand")
+    inside = QPSolution(
+        np.array([1.25, 0.75]), np.array([0.25]), np.array([1.5, 0.0]), True, 1, "by hand"
+    )
     primal, dual = inside.residuals(PROGRAM)
     assert primal <= ROUNDING
     assert dual == pytest.approx(0.25)
@@ -95,5 +103,16 @@ def test_nothing_has_the_shapes_of_a_solution_and_infinite_residuals() -> None:
 
 
 def test_a_program_without_rows_has_residuals() -> None:
-    free = QP(np.eye(2), -np.ones(2), np.zeros((0, 2)), np.zeros(0), np.zeros((0, 2)), np.zeros(0), np.zeros(0))
-    assert QPSolution(np.ones(2), np.zeros(0), np.zeros(0), True, 1, "by hand").residuals(free) == (0.0, 0.0)
+    free = QP(
+        np.eye(2),
+        -np.ones(2),
+        np.zeros((0, 2)),
+        np.zeros(0),
+        np.zeros((0, 2)),
+        np.zeros(0),
+        np.zeros(0),
+    )
+    assert QPSolution(np.ones(2), np.zeros(0), np.zeros(0), True, 1, "by hand").residuals(free) == (
+        0.0,
+        0.0,
+    )

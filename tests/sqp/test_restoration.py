@@ -17,10 +17,16 @@ from zmp_sqp.sqp.restoration import DEAR, SCREEN, _shortest_step, restored
 SAME = 1e-7
 
 
-def random_linearization(seed: int, *, size: int = 12, equalities: int = 3, rows: int = 40) -> Linearization:
+def random_linearization(
+    seed: int, *, size: int = 12, equalities: int = 3, rows: int = 40
+) -> Linearization:
     """Random constraints that some step meets, with an objective that no variable moves."""
     rng = np.random.default_rng(seed)
-    A, C, step = rng.normal(size=(equalities, size)), rng.normal(size=(rows, size)), rng.normal(size=size)
+    A, C, step = (
+        rng.normal(size=(equalities, size)),
+        rng.normal(size=(rows, size)),
+        rng.normal(size=size),
+    )
     at = Evaluation(1.0, 0.0, -A @ step, -C @ step - rng.exponential(0.3, rows))
     return Linearization(at, np.zeros(size), np.zeros(size), sp.csr_array(A), sp.csr_array(C), None)
 
@@ -31,7 +37,9 @@ def test_the_step_is_the_shortest_by_a_qp_solver_too(seed: int) -> None:
     dx, _ = _shortest_step(lin, np.ones(len(lin.at.inequalities), dtype=bool), SAME)
     assert dx is not None
     A, C, free = lin.A.toarray(), lin.C.toarray(), np.full(len(lin.at.inequalities), -np.inf)
-    qp = QP(np.eye(len(dx)), np.zeros(len(dx)), A, -lin.at.equalities, C, free, -lin.at.inequalities)
+    qp = QP(
+        np.eye(len(dx)), np.zeros(len(dx)), A, -lin.at.equalities, C, free, -lin.at.inequalities
+    )
     np.testing.assert_allclose(dx, make_backend("proxqp").solve(qp).x, atol=SAME)
 
 
@@ -39,7 +47,9 @@ def test_the_variable_of_the_objective_stays_where_others_can_move() -> None:
     A, C = sp.csr_array([[1.0, 1.0]]), sp.csr_array([[0.0, 1.0]])
     at = Evaluation(1.0, 0.0, np.array([-1.0]), np.array([-5.0]))
     dx, _ = _shortest_step(
-        Linearization(at, np.array([0.0, 1.0]), np.zeros(2), A, C, None), np.ones(1, dtype=bool), SAME
+        Linearization(at, np.array([0.0, 1.0]), np.zeros(2), A, C, None),
+        np.ones(1, dtype=bool),
+        SAME,
     )
     assert dx is not None
     np.testing.assert_allclose(dx, [1.0, 0.0], atol=2.0 / DEAR**2)
@@ -75,10 +85,14 @@ def test_constraints_without_a_common_point_give_no_step() -> None:
     C = sp.csr_array(np.vstack([lin.C.toarray(), -lin.C.toarray()[:1]]))
     value = lin.at.inequalities[0]
     contradicted = replace(lin.at, inequalities=np.append(lin.at.inequalities, 1.0 - value))
-    dx, _ = _shortest_step(replace(lin, at=contradicted, C=C), np.ones(C.shape[0], dtype=bool), SAME)
+    dx, _ = _shortest_step(
+        replace(lin, at=contradicted, C=C), np.ones(C.shape[0], dtype=bool), SAME
+    )
     assert dx is None
     twice = sp.csr_array(np.vstack([lin.A.toarray(), lin.A.toarray()[:1]]))
-    dependent = replace(lin, A=twice, at=replace(lin.at, equalities=np.append(lin.at.equalities, 3.0)))
+    dependent = replace(
+        lin, A=twice, at=replace(lin.at, equalities=np.append(lin.at.equalities, 3.0))
+    )
     dx, _ = _shortest_step(dependent, np.ones(len(lin.at.inequalities), dtype=bool), SAME)
     assert dx is None
 

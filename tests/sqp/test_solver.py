@@ -16,7 +16,9 @@ from zmp_sqp.sqp.solver import SQP, SQPSettings
 
 def test_the_iteration_limit_is_kept_and_reported() -> None:
     problem = named("HS104")
-    result = SQP(make_backend("proxqp"), settings=SQPSettings(max_iterations=2)).minimize(problem, problem.x0)
+    result = SQP(make_backend("proxqp"), settings=SQPSettings(max_iterations=2)).minimize(
+        problem, problem.x0
+    )
     assert result.status.name == "ITERATION_LIMIT"
     assert len(result.history) == 2
     assert not result.status.is_feasible
@@ -24,7 +26,9 @@ def test_the_iteration_limit_is_kept_and_reported() -> None:
 
 def test_a_limit_that_strikes_at_a_feasible_point_yields_that_point() -> None:
     problem = named("HS43")  # feasible at its start
-    result = SQP(make_backend("proxqp"), settings=SQPSettings(max_iterations=1)).minimize(problem, problem.x0)
+    result = SQP(make_backend("proxqp"), settings=SQPSettings(max_iterations=1)).minimize(
+        problem, problem.x0
+    )
     assert result.status.name == "FEASIBLE"
     assert result.at.violation <= SQPSettings().feasibility
     assert result.at.violation == problem.evaluate(result.x).violation
@@ -51,7 +55,8 @@ def test_the_history_tells_what_happened(backend: str) -> None:
     problem = named("HS71")
     result = SQP(make_backend(backend)).minimize(problem, problem.x0)
     last = result.history[-1]
-    finishers = {"daqp"} if backend == "proxqp" else set()  # takes it on from the active rows of the last QP
+    # takes it on from the active rows of the last QP
+    finishers = {"daqp"} if backend == "proxqp" else set()
     assert {record.backend for record in result.history} - finishers == {backend}
     assert last.objective == result.at.objective
     assert last.violation == result.at.violation
@@ -83,7 +88,9 @@ def test_a_run_that_starts_at_its_solution_ends_after_one_qp() -> None:
 
 
 def record(iteration: int, objective: float, violation: float = 0.0) -> IterationRecord:
-    return IterationRecord(iteration, "none", 1, 1, False, False, False, objective, violation, 1.0, 0.0)
+    return IterationRecord(
+        iteration, "none", 1, 1, False, False, False, objective, violation, 1.0, 0.0
+    )
 
 
 def test_a_run_creeps_only_if_feasible_and_all_but_still_for_a_whole_window() -> None:

@@ -32,7 +32,9 @@ def solve(chain: Chain, seed: int, backend: str, *, bend: bool = True) -> tuple[
     x = chain.start(seed)
     lin = chain.linearize(x)
     rng = np.random.default_rng(seed)
-    z = np.where(rng.random(len(lin.at.inequalities)) < 0.2, rng.random(len(lin.at.inequalities)), 0.0)
+    z = np.where(
+        rng.random(len(lin.at.inequalities)) < 0.2, rng.random(len(lin.at.inequalities)), 0.0
+    )
     H = chain.hessian(x, np.zeros(2), z if bend else 0.0 * z, convex=True)
     subproblem = Subproblem(lin, chain.nonlinear_rows, make_backend(backend), None)
     condensed, g = subproblem.condensed_model(H, lin.gradient)
@@ -48,7 +50,9 @@ def run(chain: Chain, backend: str, seed: int = 0) -> SQPResult:
 @pytest.mark.usefixtures("exact")
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("seed", range(4))
-def test_condensed_and_uncondensed_steps_are_the_same_with_open_gaps(seed: int, backend: str) -> None:
+def test_condensed_and_uncondensed_steps_are_the_same_with_open_gaps(
+    seed: int, backend: str
+) -> None:
     """The gaps' particular solution d belongs into the gradient, too: Z'(g + H d)."""
     steps = [solve(Chain(condenses=condenses), seed, backend)[0] for condenses in (True, False)]
     assert all(step.solved for step in steps)
@@ -83,7 +87,9 @@ def test_screened_and_unscreened_qps_have_the_same_solution(
 
 
 @pytest.mark.parametrize("seed", range(8))
-def test_rows_that_wait_are_nonlinear_and_missed_by_little(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rows_that_wait_are_nonlinear_and_missed_by_little(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(zmp_sqp.sqp.subproblem, "SCREEN", -np.inf)
     step, chain = solve(Chain(), seed, "proxqp")
     lin = chain.linearize(chain.start(seed))
@@ -108,7 +114,8 @@ def test_multipliers_belong_to_the_equalities_that_no_basis_eliminates() -> None
     condensed, plain = run(Chain(), "proxqp"), run(Chain(condenses=False), "proxqp")
     assert condensed.y.shape == (2,)
     assert plain.y.shape == plain.at.equalities.shape
-    assert np.abs(condensed.y - plain.y[-2:]).max() <= 1e-3  # as exact as the square root of the decrease allows
+    # as exact as the square root of the decrease allows
+    assert np.abs(condensed.y - plain.y[-2:]).max() <= 1e-3
 
 
 def test_a_goal_that_cannot_be_met_is_reported_infeasible_by_relaxation() -> None:
@@ -139,11 +146,15 @@ class Liar:
     wants_sparse: bool = False
 
     def solve(self, qp: QP, *, warm: QPSolution | None = None) -> QPSolution:
-        return QPSolution(np.zeros(qp.size), np.zeros(len(qp.b)), np.zeros(len(qp.u)), True, 1, self.name)
+        return QPSolution(
+            np.zeros(qp.size), np.zeros(len(qp.b)), np.zeros(len(qp.u)), True, 1, self.name
+        )
 
 
 @pytest.mark.parametrize("first", [Stubborn(), Liar()])
-def test_the_fallback_solves_what_the_first_backend_does_not_and_the_history_says_so(first: QPBackend) -> None:
+def test_the_fallback_solves_what_the_first_backend_does_not_and_the_history_says_so(
+    first: QPBackend,
+) -> None:
     reference = run(Chain(), "proxqp")
     for fallback in ("piqp", "qpsolvers:clarabel"):  # whole and sparse; condensed
         result = SQP(first, make_backend(fallback)).minimize(Chain(), Chain().start(0))
@@ -168,7 +179,9 @@ def test_a_large_working_set_goes_to_the_fallback(monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.usefixtures("exact")
-def test_rounds_that_end_before_all_rows_are_met_are_not_a_solution(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rounds_that_end_before_all_rows_are_met_are_not_a_solution(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.setattr(zmp_sqp.sqp.subproblem, "SCREEN", -np.inf)
     assert solve(Chain(), 0, "proxqp")[0].solved
     monkeypatch.setattr(zmp_sqp.sqp.subproblem, "MAX_ROUNDS", 1)
@@ -182,6 +195,11 @@ def test_a_basis_with_fewer_directions_than_the_gaps_leave_is_never_solved_whole
     chain = Chain()
     lin = chain.linearize(chain.start(0))
     assert lin.basis is not None
-    tied = replace(lin, basis=replace(lin.basis, Z=lin.basis.Z[:, ::2] + lin.basis.Z[:, 1::2], free=lin.basis.free[:0]))
+    tied = replace(
+        lin,
+        basis=replace(
+            lin.basis, Z=lin.basis.Z[:, ::2] + lin.basis.Z[:, 1::2], free=lin.basis.free[:0]
+        ),
+    )
     assert Subproblem(lin, chain.nonlinear_rows, make_backend("piqp"), None).prefers_whole
     assert not Subproblem(tied, chain.nonlinear_rows, make_backend("piqp"), None).prefers_whole

@@ -2,13 +2,13 @@
 
 from zmp_sqp.mechanics.ground import GRAVITY, Ground, Slope, Terrain
 from zmp_sqp.mechanics.ground_motion import GroundMotion, GroundRates
-from zmp_sqp.mechanics.heightmap import Heightmap
 from zmp_sqp.mechanics.limits import JointLimits
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.payload import Payload
 from zmp_sqp.mechanics.stability_measures import StabilityMeasures, stability_measures
 from zmp_sqp.mechanics.support import SupportPolygon
-from zmp_sqp.mechanics.urdf import load_machine, shipped_machines
+from zmp_sqp.mechanics.terrain.heightmap import Heightmap
+from zmp_sqp.mechanics.urdf.loader import load_machine, shipped_machines
 from zmp_sqp.mechanics.wrench import WrenchDerivatives, ground_reaction, ground_reaction_derivatives
 from zmp_sqp.mechanics.zero_moment_point import stability_margin, zmp, zmp_of_wrench
 

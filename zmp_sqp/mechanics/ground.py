@@ -8,14 +8,16 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from zmp_sqp.arrays import Array, finite_number
-from zmp_sqp.errors import MachineError
+from zmp_sqp.errors import MachineError, ProblemError
 from zmp_sqp.mechanics.ground_motion import GroundMotion, GroundRates
 from zmp_sqp.mechanics.support import SupportPolygon
 
-__all__ = ["CLEARANCE", "GRAVITY", "Ground", "Slope", "Terrain"]
+__all__ = ["CLEARANCE", "GRAVITY", "Ground", "Slope", "Terrain", "terrain_of"]
 
 GRAVITY = 9.81  # [m/s^2], the constant of Song & Sharf 2020
-CLEARANCE = 0.1  # [m], our choice: ground that departs less than this from the tracks' plane carries them all the same
+# [m], our choice: ground that departs less than this from the tracks' plane carries them all the
+# same
+CLEARANCE = 0.1
 
 
 @runtime_checkable
@@ -31,9 +33,11 @@ class Ground(Protocol):
 class Terrain(Ground, Protocol):
     """Ground that a base can drive on.
 
-    The base is a unicycle: its pose is (x, y, yaw) in ground coordinates, its rates (w_s, w_yaw) are the speed along
-    the heading and the rate of the yaw, its accelerations (a_s, a_yaw) the rates of these. With S = T^2 they may be
-    in normalised time (rates times T, accelerations times T^2); with S = 1 they are in seconds.
+    The base is a unicycle: its pose is (x, y, yaw) in ground coordinates, its rates (w_s, w_yaw)
+        are the speed along
+    the heading and the rate of the yaw, its accelerations (a_s, a_yaw) the rates of these. With S =
+    T^2 they may be in normalised time (rates times T, accelerations times T^2); with S = 1 they are
+    in seconds.
     """
 
     @property
@@ -62,11 +66,15 @@ class Terrain(Ground, Protocol):
         """Rates of x and y at `pose` (K, 3) and `rates` (K, 2)."""
         ...
 
-    def base_motion(self, pose: Array, rates: Array, accelerations: Array, S: float = 1.0) -> GroundMotion:
+    def base_motion(
+        self, pose: Array, rates: Array, accelerations: Array, S: float = 1.0
+    ) -> GroundMotion:
         """Motion of the root at `pose` (K, 3), `rates` (K, 2) and `accelerations` (K, 2)."""
         ...
 
-    def check_followable(self, support: SupportPolygon, poses: Array, *, clearance: float = CLEARANCE) -> None:
+    def check_followable(
+        self, support: SupportPolygon, poses: Array, *, clearance: float = CLEARANCE
+    ) -> None:
         """Raise ProblemError where the ground departs from the tracks' plane by more than `clearance` [m]."""
         ...
 
@@ -75,7 +83,8 @@ class Terrain(Ground, Protocol):
 class Slope:
     """A plane, level unless it is tilted (REP-103: x forward, y left, z up).
 
-    The ground frame lies in the plane: its z axis is the normal, and a base at yaw = 0 has its axes.
+    The ground frame lies in the plane: its z axis is the normal, and a base at yaw = 0 has its
+        axes.
 
     Attributes:
         roll: Tilt about the machine's x axis [rad]; negative leans it to its left.
@@ -117,8 +126,8 @@ class Slope:
 
         .. math:: (R_y(pitch) R_x(roll) R_z(yaw))^T (0, 0, -g)
 
-        The heading turns within the plane, so at yaw = 0 the machine leans by just this roll and pitch
-        (the angles of Song & Sharf 2020, Section II, in REP-103 axes).
+        The heading turns within the plane, so at yaw = 0 the machine leans by just this roll and
+        pitch (the angles of Song & Sharf 2020, Section II, in REP-103 axes).
 
         Args:
             yaw: Heading in the plane [rad].
@@ -135,7 +144,8 @@ class Slope:
             pose: (x, y, yaw) in the ground frame, shape (K, 3) [m, rad].
 
         Returns:
-            Positions (K, 3) [m] and rotations from the root frame (K, 3, 3), both in the ground frame.
+            Positions (K, 3) [m] and rotations from the root frame (K, 3, 3), both in the ground
+            frame.
         """
         cos, sin = np.cos(pose[:, 2]), np.sin(pose[:, 2])
         rotations = np.zeros((len(pose), 3, 3))
@@ -158,7 +168,9 @@ class Slope:
         slopes[:, :, 3] = heading
         return GroundRates(speed[:, None] * heading, slopes)
 
-    def base_motion(self, pose: Array, rates: Array, accelerations: Array, S: float = 1.0) -> GroundMotion:
+    def base_motion(
+        self, pose: Array, rates: Array, accelerations: Array, S: float = 1.0
+    ) -> GroundMotion:
         r"""Motion of the root of a unicycle in the plane, with its derivatives.
 
         .. math:: (w_s, 0, 0, 0, 0, w_{yaw}), \quad (a_s, 0, 0, 0, 0, a_{yaw}) - S (g(yaw), 0)
@@ -179,11 +191,16 @@ class Slope:
         velocity_slopes, acceleration_slopes = np.zeros((2, count, 6, 8))
         velocity_slopes[:, 0, 3] = velocity_slopes[:, 5, 4] = 1.0
         acceleration_slopes[:, 0, 5] = acceleration_slopes[:, 5, 6] = 1.0
-        acceleration_slopes[:, 0, 2], acceleration_slopes[:, 1, 2] = -S * gravity[:, 1], S * gravity[:, 0]
+        acceleration_slopes[:, 0, 2], acceleration_slopes[:, 1, 2] = (
+            -S * gravity[:, 1],
+            S * gravity[:, 0],
+        )
         acceleration_slopes[:, :3, 7] = -gravity
         return GroundMotion(velocity, acceleration, velocity_slopes, acceleration_slopes)
 
-    def check_followable(self, support: SupportPolygon, poses: Array, *, clearance: float = CLEARANCE) -> None:
+    def check_followable(
+        self, support: SupportPolygon, poses: Array, *, clearance: float = CLEARANCE
+    ) -> None:
         """Do nothing: tracks follow a plane everywhere."""
 
     def gravity_at_yaws(self, yaw: Array) -> Array:
@@ -191,4 +208,19 @@ class Slope:
         lean = np.cos(self.pitch)
         x, y, z = np.sin(self.pitch), -lean * np.sin(self.roll), -lean * np.cos(self.roll)
         cos, sin = np.cos(yaw), np.sin(yaw)
-        return np.asarray(GRAVITY * np.column_stack([cos * x + sin * y, cos * y - sin * x, np.full_like(yaw, z)]))
+        return np.asarray(
+            GRAVITY * np.column_stack([cos * x + sin * y, cos * y - sin * x, np.full_like(yaw, z)])
+        )
+
+
+def terrain_of(ground: Ground) -> Terrain:
+    """The ground, for a base to drive on.
+
+    Raises:
+        ProblemError: No base can.
+    """
+    if not isinstance(ground, Terrain):
+        raise ProblemError(
+            f"a base drives on a Slope or a Heightmap, not on {type(ground).__name__}"
+        )
+    return ground

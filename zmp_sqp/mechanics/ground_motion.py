@@ -15,8 +15,9 @@ class GroundMotion:
 
     Attributes:
         velocity: Twist of the root, root frame, linear part first, shape (K, 6) [m/s, rad/s].
-        acceleration: Spatial acceleration of the root (the rates of the twist's components, no speed times yaw rate
-            term) minus S times gravity, root frame, shape (K, 6) [m/s^2, rad/s^2].
+        acceleration: Spatial acceleration of the root (the rates of the twist's components, no
+            speed times yaw rate term) minus S times gravity, root frame, shape (K, 6) [m/s^2,
+            rad/s^2].
         velocity_slopes: Of the twist by (x, y, yaw, w_s, w_yaw, a_s, a_yaw, S), shape (K, 6, 8).
         acceleration_slopes: Of the acceleration by the same, shape (K, 6, 8).
     """

@@ -11,7 +11,8 @@ from zmp_sqp.errors import MachineError
 
 __all__ = ["checked_inertia"]
 
-ROUNDING = 1e-3  # share of the largest moment that CAD exports lose to rounding (thin plates: Ixx + Iyy = Izz)
+# share of the largest moment that CAD exports lose to rounding (thin plates: Ixx + Iyy = Izz)
+ROUNDING = 1e-3
 SYMMETRY = 1e-9  # share of the largest entry by which mirrored entries may differ
 
 
@@ -26,7 +27,8 @@ def checked_inertia(values: Any, *, name: str, semidefinite: bool = False) -> Ar
         semidefinite: Whether zero moments are allowed: a slender stem has none about its axis.
 
     Raises:
-        MachineError: Not numbers, not symmetric, not positive definite, or against the triangle inequality.
+        MachineError: Not numbers, not symmetric, not positive definite, or against the triangle
+            inequality.
     """
     inertia = frozen_array(values, name=name, shape=(3, 3), error=MachineError)
     scale = float(np.abs(inertia).max())
@@ -37,7 +39,9 @@ def checked_inertia(values: Any, *, name: str, semidefinite: bool = False) -> Ar
     rounding = 1e-12 * scale  # of eigvalsh
     if moments[0] < -rounding or (moments[0] <= rounding and not semidefinite):
         kind = "semi-definite" if semidefinite else "definite"
-        raise MachineError(f"{name} must be positive {kind}, but its principal moments are {spelled} kg m^2")
+        raise MachineError(
+            f"{name} must be positive {kind}, but its principal moments are {spelled} kg m^2"
+        )
     if moments[0] + moments[1] < moments[2] * (1.0 - ROUNDING):
         raise MachineError(
             f"{name} violates the triangle inequality: of its principal moments {spelled} kg m^2 the largest is more "

@@ -24,14 +24,17 @@ class JointLimits:
     """What n joints may do; NaN stands for a limit that nobody has given.
 
     Attributes:
-        position_lower: Lowest joint coordinates, -inf where there is no end (continuous joints), shape (n,) [rad or m].
-        position_upper: Highest joint coordinates, +inf where there is no end, shape (n,) [rad or m].
+        position_lower: Lowest joint coordinates, -inf where there is no end (continuous joints),
+            shape (n,) [rad or m].
+        position_upper: Highest joint coordinates, +inf where there is no end, shape (n,) [rad or
+            m].
         velocity: Largest rates in either direction, shape (n,) [rad/s or m/s].
         acceleration: Largest accelerations in either direction, shape (n,) [rad/s^2 or m/s^2].
         effort: Largest torques or forces in either direction, shape (n,) [N m or N].
 
     Raises:
-        MachineError: Shapes differ, a limit is not positive and finite, or a lower limit is above its upper one.
+        MachineError: Shapes differ, a limit is not positive and finite, or a lower limit is above
+            its upper one.
     """
 
     position_lower: Array
@@ -43,7 +46,9 @@ class JointLimits:
     def __post_init__(self) -> None:
         lengths = {}
         for key in KEYS:
-            values = frozen_array(getattr(self, key), name=key, shape=(None,), error=MachineError, finite=False)
+            values = frozen_array(
+                getattr(self, key), name=key, shape=(None,), error=MachineError, finite=False
+            )
             object.__setattr__(self, key, values)
             lengths[key] = len(values)
         if len(set(lengths.values())) > 1:
@@ -52,22 +57,27 @@ class JointLimits:
 
     def followed_by(self, more: JointLimits) -> JointLimits:
         """These limits, then those of more coordinates."""
-        return JointLimits(*(np.concatenate([getattr(self, key), getattr(more, key)]) for key in KEYS))
+        return JointLimits(
+            *(np.concatenate([getattr(self, key), getattr(more, key)]) for key in KEYS)
+        )
 
     def updated(self, changes: Mapping[str, Any], joint_names: Sequence[str]) -> JointLimits:
         """The same limits with some replaced.
 
         Args:
-            changes: From limit names (the attributes of this class) to a scalar for all joints, shape (n,), or a
-                mapping from joint names to numbers; joints that such a mapping leaves out keep what they have.
+            changes: From limit names (the attributes of this class) to a scalar for all joints,
+                shape (n,), or a mapping from joint names to numbers; joints that such a mapping
+                leaves out keep what they have.
             joint_names: Names of the n joints.
 
         Raises:
-            MachineError: Unknown limit or joint (the message lists those there are), not a number, not positive and
-                finite, or lower above upper.
+            MachineError: Unknown limit or joint (the message lists those there are), not a number,
+                not positive and finite, or lower above upper.
         """
         if not isinstance(changes, Mapping):
-            raise MachineError(f"limits must be a mapping such as {{'velocity': 0.4}}, not {changes!r}")
+            raise MachineError(
+                f"limits must be a mapping such as {{'velocity': 0.4}}, not {changes!r}"
+            )
         if len(joint_names) != len(self.velocity):
             raise MachineError(
                 f"limits of {len(self.velocity)} joints cannot be updated by names of {len(joint_names)}"
@@ -75,11 +85,15 @@ class JointLimits:
         values = {key: np.array(getattr(self, key)) for key in KEYS}
         for key, change in changes.items():
             if key not in values:
-                raise MachineError(f"unknown limit {key!r}; limits are {', '.join(KEYS)}{_turned(key, joint_names)}")
+                raise MachineError(
+                    f"unknown limit {key!r}; limits are {', '.join(KEYS)}{_turned(key, joint_names)}"
+                )
             columns, numbers = _spread(key, change, joint_names)
             if np.isnan(numbers).any():
                 name = joint_names[columns[np.flatnonzero(np.isnan(numbers)).tolist()[0]]]
-                raise MachineError(f"{_spell(key)} limit of joint {name!r} must be a number, not nan")
+                raise MachineError(
+                    f"{_spell(key)} limit of joint {name!r} must be a number, not nan"
+                )
             values[key][columns] = numbers
         _check(values, joint_names)
         return JointLimits(**values)
@@ -88,11 +102,13 @@ class JointLimits:
         """Which joints lack which of the limits that planning needs.
 
         Returns:
-            From limit names ('position_lower', 'position_upper', 'velocity', 'acceleration') to the names of the joints
-            that lack it; empty where nothing is missing.
+            From limit names ('position_lower', 'position_upper', 'velocity', 'acceleration') to the
+            names of the joints that lack it; empty where nothing is missing.
         """
         lacking = {key: np.flatnonzero(np.isnan(getattr(self, key))).tolist() for key in NEEDED}
-        return {key: tuple(joint_names[i] for i in where) for key, where in lacking.items() if where}
+        return {
+            key: tuple(joint_names[i] for i in where) for key, where in lacking.items() if where
+        }
 
 
 def _turned(key: str, joint_names: Sequence[str]) -> str:
@@ -112,11 +128,17 @@ def _spread(key: str, change: Any, joint_names: Sequence[str]) -> tuple[list[int
                     f"{_spell(key)} limit of unknown joint {name!r}; joints are {', '.join(joint_names)}"
                 )
         numbers = [_number(key, name, value) for name, value in change.items()]
-        return [list(joint_names).index(name) for name in change], np.array(numbers, dtype=np.float64)
+        return [list(joint_names).index(name) for name in change], np.array(
+            numbers, dtype=np.float64
+        )
     if np.asarray(change, dtype=object).ndim == 0:
         return everyone, np.full(len(everyone), _number(key, None, change))
     return everyone, frozen_array(
-        change, name=f"{_spell(key)} limits", shape=(len(everyone),), error=MachineError, finite=False
+        change,
+        name=f"{_spell(key)} limits",
+        shape=(len(everyone),),
+        error=MachineError,
+        finite=False,
     )
 
 

@@ -22,13 +22,15 @@ __all__ = ["Machine"]
 class Machine:
     """A machine that stands on the ground: n planned joints on an undercarriage.
 
-    The model hangs on a free-flyer root, so that the undercarriage's mass counts (Pinocchio leaves the root
-    link's mass out of a fixed-base model) and so that the first six rows of its inverse dynamics are the ground
-    reaction wrench. Its own gravity is zero: gravity enters as an acceleration of the root.
+    The model hangs on a free-flyer root, so that the undercarriage's mass counts (Pinocchio leaves
+    the root link's mass out of a fixed-base model) and so that the first six rows of its inverse
+    dynamics are the ground reaction wrench. Its own gravity is zero: gravity enters as an
+    acceleration of the root.
 
     Attributes:
         name: The robot's name in the URDF.
-        model: Pinocchio model, with the inertia of each link in the link's frame; do not change it in place.
+        model: Pinocchio model, with the inertia of each link in the link's frame; do not change it
+            in place.
         joint_names: The n planned joints, in the order of the URDF file.
         limits: Position, velocity, acceleration and effort limits, each of shape (n,).
         support: Support polygon in the root frame, or None if the URDF shows none.
@@ -68,14 +70,18 @@ class Machine:
         full = np.zeros((q.shape[0], self.model.nq))
         full[:, 6] = 1.0  # unit quaternion (0, 0, 0, 1) of the root
         full[:, self.index_q] = q
-        for column, at in zip(np.flatnonzero(self.continuous), self.index_q[list(self.continuous)], strict=True):
+        for column, at in zip(
+            np.flatnonzero(self.continuous), self.index_q[list(self.continuous)], strict=True
+        ):
             full[:, at], full[:, at + 1] = np.cos(q[:, column]), np.sin(q[:, column])
         return full
 
     @property
     def joint_units(self) -> tuple[str, ...]:
         """Of each joint's coordinate: "rad" where it turns, "m" where it slides."""
-        kinds = (self.model.joints[self.model.getJointId(name)].shortname() for name in self.joint_names)
+        kinds = (
+            self.model.joints[self.model.getJointId(name)].shortname() for name in self.joint_names
+        )
         # PX, PY, PZ, PrismaticUnaligned
         return tuple("m" if kind.startswith("JointModelP") else "rad" for kind in kinds)
 
@@ -124,7 +130,9 @@ class Machine:
         model = self.model.copy()
         carried = _payloads(model)
         if len(carried) != 1:
-            raise MachineError(f"machine {self.name!r} carries {len(carried)} payloads; to move one needs just one")
+            raise MachineError(
+                f"machine {self.name!r} carries {len(carried)} payloads; to move one needs just one"
+            )
         body = carried[0].inertia
         carried[0].inertia = pin.Inertia(body.mass, body.lever + offset, body.inertia)
         joint = carried[0].parentJoint
@@ -147,7 +155,9 @@ class Machine:
             MachineError: Wrong shape, unknown joint, or a limit that is not positive.
         """
         given = {"velocity": velocity, "acceleration": acceleration}
-        changes: Mapping[str, Any] = {key: value for key, value in given.items() if value is not None}
+        changes: Mapping[str, Any] = {
+            key: value for key, value in given.items() if value is not None
+        }
         return replace(self, limits=self.limits.updated(changes, self.joint_names))
 
     def with_support(self, support: SupportPolygon) -> Machine:
@@ -159,8 +169,9 @@ class Machine:
     def with_point_masses(self) -> Machine:
         """The same machine with every body a point mass at its own centre of mass: Song & Sharf 2020, eq. (5).
 
-        Bodies fixed to one another (a link and its payload) stay apart: each is a point of its own. Pinocchio lumps
-        them into the joint that moves them, but the frame of each link and payload still holds its own inertia.
+        Bodies fixed to one another (a link and its payload) stay apart: each is a point of its own.
+        Pinocchio lumps them into the joint that moves them, but the frame of each link and payload
+        still holds its own inertia.
         """
         model = self.model.copy()
         for frame in model.frames:
@@ -181,4 +192,8 @@ def _sum_of_frames(model: Any, joint: int) -> Any:
 
 def _payloads(model: Any) -> list[Any]:
     """Frames of the payloads: those with an inertia that are no link."""
-    return [frame for frame in model.frames if frame.type == pin.FrameType.OP_FRAME and frame.inertia.mass > 0.0]
+    return [
+        frame
+        for frame in model.frames
+        if frame.type == pin.FrameType.OP_FRAME and frame.inertia.mass > 0.0
+    ]

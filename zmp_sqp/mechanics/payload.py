@@ -14,7 +14,8 @@ from zmp_sqp.mechanics.inertia import checked_inertia
 
 __all__ = ["Payload"]
 
-HEAVIEST, FARTHEST = 1e12, 1e5  # [kg, m] beyond, products of masses and squared distances leave too few digits
+# [kg, m] beyond, products of masses and squared distances leave too few digits
+HEAVIEST, FARTHEST = 1e12, 1e5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,11 +26,12 @@ class Payload:
         mass: Its mass [kg].
         com: Its centre of mass in that frame, shape (3,) [m].
         frame: Name of the link (or other frame) that carries it.
-        inertia: Rotational inertia about its own centre of mass, axes of the frame, shape (3, 3) [kg m^2]; None is a
-            point mass.
+        inertia: Rotational inertia about its own centre of mass, axes of the frame, shape (3, 3)
+            [kg m^2]; None is a point mass.
 
     Raises:
-        MachineError: Mass not positive, anything not finite or beyond all reason, or an inertia that no body has.
+        MachineError: Mass not positive, anything not finite or beyond all reason, or an inertia
+            that no body has.
     """
 
     mass: float
@@ -57,8 +59,8 @@ class Payload:
     def attached_to(self, model: Any) -> Any:
         """Copy of a Pinocchio model that carries this payload.
 
-        The payload becomes a frame with an inertia of its own, so that `Machine.with_point_masses` can still tell it
-        from the link that carries it.
+        The payload becomes a frame with an inertia of its own, so that `Machine.with_point_masses`
+        can still tell it from the link that carries it.
 
         Args:
             model: Pinocchio model; it is left alone.
@@ -68,13 +70,20 @@ class Payload:
         """
         index = self._frame_index(model)
         carrier = model.frames[index]
-        inertia = pin.Inertia(self.mass, self.com, np.zeros((3, 3)) if self.inertia is None else self.inertia)
+        inertia = pin.Inertia(
+            self.mass, self.com, np.zeros((3, 3)) if self.inertia is None else self.inertia
+        )
         names = {frame.name for frame in model.frames}
         count = next(i for i in range(1, len(names) + 2) if f"payload {i}" not in names)
         loaded = model.copy()
         loaded.addFrame(
             pin.Frame(
-                f"payload {count}", carrier.parentJoint, index, carrier.placement, pin.FrameType.OP_FRAME, inertia
+                f"payload {count}",
+                carrier.parentJoint,
+                index,
+                carrier.placement,
+                pin.FrameType.OP_FRAME,
+                inertia,
             ),
             True,  # the inertia counts for the joint that moves the frame
         )
@@ -85,9 +94,15 @@ class Payload:
         frames = [
             (i, frame) for i, frame in enumerate(model.frames) if frame.parentJoint > 0
         ]  # the universe carries nothing
-        links = [i for i, frame in frames if frame.name == self.frame and frame.type == pin.FrameType.BODY]
+        links = [
+            i
+            for i, frame in frames
+            if frame.name == self.frame and frame.type == pin.FrameType.BODY
+        ]
         others = [i for i, frame in frames if frame.name == self.frame]
         if not others:
             known = ", ".join(dict.fromkeys(frame.name for _, frame in frames))
-            raise MachineError(f"there is no frame {self.frame!r} to carry the payload; frames are {known}")
+            raise MachineError(
+                f"there is no frame {self.frame!r} to carry the payload; frames are {known}"
+            )
         return int((links or others)[0])

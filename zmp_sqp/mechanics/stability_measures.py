@@ -25,14 +25,17 @@ class StabilityMeasures:
 
     Attributes:
         margin: Distance from the ZMP to the nearest edge, shape (K,) [m].
-        load_transfer_ratio: Share of the load that has gone over to one side: 0 with the ZMP in the middle, 1 at an
-            edge, where the other side carries nothing. On two tracks :math:`|F_l - F_r| / (F_l + F_r)`. Shape (K,).
-        force_angle: Papadopoulos & Rey 1996: least angle between the net force on the machine (all but the ground's,
-            at its centre of mass, with the net moment taken as a couple) and the perpendicular to an edge, times that
-            force over the weight, :math:`\min_i \theta_i |f^*_i| / (m g)`, shape (K,) [rad].
-        tip_over_energy: Work that must be done to roll the machine over an edge, as a rigid body, against the net force
-            at its centre of mass: Messuri & Klein 1985 at rest, with inertial forces after Ghasempoor & Sepehri 1998;
-            negative where it already tips over it. Shape (K,) [J].
+        load_transfer_ratio: Share of the load that has gone over to one side: 0 with the ZMP in the
+            middle, 1 at an edge, where the other side carries nothing. On two tracks :math:`|F_l -
+            F_r| / (F_l + F_r)`. Shape (K,).
+        force_angle: Papadopoulos & Rey 1996: least angle between the net force on the machine (all
+            but the ground's, at its centre of mass, with the net moment taken as a couple) and the
+            perpendicular to an edge, times that force over the weight, :math:`\min_i \theta_i
+            |f^*_i| / (m g)`, shape (K,) [rad].
+        tip_over_energy: Work that must be done to roll the machine over an edge, as a rigid body,
+            against the net force at its centre of mass: Messuri & Klein 1985 at rest, with inertial
+            forces after Ghasempoor & Sepehri 1998; negative where it already tips over it. Shape
+            (K,) [J].
     """
 
     margin: Array
@@ -41,7 +44,9 @@ class StabilityMeasures:
     tip_over_energy: Array
 
 
-def stability_measures(machine: Machine, q: Any, v: Any, a: Any, ground: Ground) -> StabilityMeasures:
+def stability_measures(
+    machine: Machine, q: Any, v: Any, a: Any, ground: Ground
+) -> StabilityMeasures:
     """All measures of a machine on a base that stands; arguments, errors as in `stability_margin`, K states at once.
 
     Args:
@@ -60,7 +65,9 @@ def stability_measures(machine: Machine, q: Any, v: Any, a: Any, ground: Ground)
     return measures_of_wrench(machine, rows[0], wrench, float(np.linalg.norm(ground.gravity())))
 
 
-def measures_of_wrench(machine: Machine, q: Array, wrench: Array, gravity: float) -> StabilityMeasures:
+def measures_of_wrench(
+    machine: Machine, q: Array, wrench: Array, gravity: float
+) -> StabilityMeasures:
     """The same from the ground reaction, whatever the root does.
 
     Args:
@@ -71,12 +78,15 @@ def measures_of_wrench(machine: Machine, q: Array, wrench: Array, gravity: float
     """
     support = machine.support
     if support is None:
-        raise MachineError(f"machine {machine.name!r} has no support polygon: give one by support=... or with_support")
+        raise MachineError(
+            f"machine {machine.name!r} has no support polygon: give one by support=... or with_support"
+        )
     points = zmp_of_wrench(wrench, support.height)
     middle = _centroid(support)
     over = ((points - middle) @ support.normals.T) / (support.offsets - support.normals @ middle)
     com = center_of_mass(machine, q)
-    force, moment = -wrench[:, :3], -(wrench[:, 3:] - np.cross(com, wrench[:, :3]))  # of all but the ground, at the com
+    # of all but the ground, at the com
+    force, moment = -wrench[:, :3], -(wrench[:, 3:] - np.cross(com, wrench[:, :3]))
     corners = np.column_stack([support.vertices, np.full(len(support.vertices), support.height)])
     along = np.roll(corners, -1, axis=0) - corners
     along /= np.linalg.norm(along, axis=1)[:, None]
@@ -87,7 +97,8 @@ def measures_of_wrench(machine: Machine, q: Array, wrench: Array, gravity: float
     couple = np.einsum("ki,vi->kv", moment, along)[..., None] * along
     pull = across + np.cross(lever, couple) / reach[..., None] ** 2
     strength = np.linalg.norm(pull, axis=2)
-    inside = np.einsum("kvi,vi->kv", np.cross(lever, pull), along)  # moment that holds the machine down, about the edge
+    # moment that holds the machine down, about the edge
+    inside = np.einsum("kvi,vi->kv", np.cross(lever, pull), along)
     aligned = np.einsum("kvi,kvi->kv", lever, pull)
     angle = np.arctan2(inside, aligned)
     # rolled until the lever points along the pull, the centre of mass has gone furthest against it
@@ -103,7 +114,9 @@ def measures_of_wrench(machine: Machine, q: Array, wrench: Array, gravity: float
 def center_of_mass(machine: Machine, q: Array) -> Array:
     """Centre of mass of the machine with its payload in the root frame, shape (K, 3) [m]."""
     data = machine.model.createData()
-    return np.array([pin.centerOfMass(machine.model, data, row) for row in machine.configuration(q)]).reshape(-1, 3)
+    return np.array(
+        [pin.centerOfMass(machine.model, data, row) for row in machine.configuration(q)]
+    ).reshape(-1, 3)
 
 
 def _centroid(support: SupportPolygon) -> Array:
@@ -111,4 +124,6 @@ def _centroid(support: SupportPolygon) -> Array:
     here = support.vertices - support.vertices[0]
     after = np.roll(here, -1, axis=0)
     double = here[:, 0] * after[:, 1] - here[:, 1] * after[:, 0]
-    return np.asarray(support.vertices[0] + ((here + after) * double[:, None]).sum(axis=0) / (3.0 * double.sum()))
+    return np.asarray(
+        support.vertices[0] + ((here + after) * double[:, None]).sum(axis=0) / (3.0 * double.sum())
+    )

@@ -12,7 +12,8 @@ from zmp_sqp.errors import MachineError
 
 __all__ = ["SupportPolygon"]
 
-STRAIGHT = 1e-9  # sine of the angle between two edges below which a vertex counts as lying on a straight line
+# sine of the angle between two edges below which a vertex counts as lying on a straight line
+STRAIGHT = 1e-9
 REPEATED = 1e-9  # [m], vertices closer than this are the same
 
 
@@ -23,14 +24,15 @@ class SupportPolygon:
     Edge i runs from vertex i to vertex i + 1 and is the line e_i . p = b_i.
 
     Attributes:
-        vertices: Corners in the root frame, counter-clockwise seen from above, strictly convex, shape (V, 2) [m].
+        vertices: Corners in the root frame, counter-clockwise seen from above, strictly convex,
+            shape (V, 2) [m].
         height: z of the plane in the root frame [m].
         normals: Outward unit normals e_i of the edges, shape (V, 2).
         offsets: Offsets b_i of the edges from the root origin along their normals, shape (V,) [m].
 
     Raises:
-        MachineError: Fewer than three vertices, not finite, repeated, clockwise or not convex; the message names the
-            vertex.
+        MachineError: Fewer than three vertices, not finite, repeated, clockwise or not convex; the
+            message names the vertex.
     """
 
     vertices: Array
@@ -39,9 +41,13 @@ class SupportPolygon:
     offsets: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        vertices = frozen_array(self.vertices, name="support vertices", shape=(None, 2), error=MachineError)
+        vertices = frozen_array(
+            self.vertices, name="support vertices", shape=(None, 2), error=MachineError
+        )
         object.__setattr__(self, "vertices", vertices)
-        object.__setattr__(self, "height", finite_number(self.height, name="support height", error=MachineError))
+        object.__setattr__(
+            self, "height", finite_number(self.height, name="support height", error=MachineError)
+        )
         if len(vertices) < 3:
             raise MachineError(f"a support polygon needs at least 3 vertices, not {len(vertices)}")
         for i, vertex in enumerate(vertices):
@@ -55,7 +61,11 @@ class SupportPolygon:
             )
         for edge in np.flatnonzero(turns <= STRAIGHT):
             at = (int(edge) + 1) % len(vertices)
-            fault = "is not a corner (straight line)" if abs(turns[edge]) <= STRAIGHT else "turns inwards"
+            fault = (
+                "is not a corner (straight line)"
+                if abs(turns[edge]) <= STRAIGHT
+                else "turns inwards"
+            )
             raise MachineError(
                 f"support polygon must be strictly convex, but vertex {at} at {vertices[at].tolist()} {fault}"
             )
@@ -64,11 +74,17 @@ class SupportPolygon:
             headings - headings[0] > 2.0 * np.pi
         ):  # a star turns left all the way, but twice round
             at = vertices[edge].tolist()
-            raise MachineError(f"support polygon crosses itself: before vertex {edge} at {at} it has gone full circle")
-        outward = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
+            raise MachineError(
+                f"support polygon crosses itself: before vertex {edge} at {at} it has gone full circle"
+            )
+        outward = (
+            np.column_stack([edges[:, 1], -edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
+        )
         offsets = np.einsum("ij,ij->i", outward, vertices)
         for name, values in (("normals", outward), ("offsets", offsets)):
-            object.__setattr__(self, name, frozen_array(values, name=name, shape=values.shape, error=MachineError))
+            object.__setattr__(
+                self, name, frozen_array(values, name=name, shape=values.shape, error=MachineError)
+            )
 
     @classmethod
     def convex_hull(cls, points: Any, height: float = 0.0) -> SupportPolygon:
@@ -88,14 +104,20 @@ class SupportPolygon:
         try:
             hull = points[ConvexHull(points).vertices]  # counter-clockwise
         except (QhullError, ValueError):
-            raise MachineError(f"{len(points)} contact points span no support polygon: they lie on one line") from None
+            raise MachineError(
+                f"{len(points)} contact points span no support polygon: they lie on one line"
+            ) from None
         while True:
             edges = np.roll(hull, -1, axis=0) - hull
-            keep = (np.roll(_turns(edges), 1) > STRAIGHT) & (np.linalg.norm(edges, axis=1) >= REPEATED)
+            keep = (np.roll(_turns(edges), 1) > STRAIGHT) & (
+                np.linalg.norm(edges, axis=1) >= REPEATED
+            )
             if keep.all():
                 return cls(hull, height)
             if keep.sum() < 3:
-                raise MachineError(f"{len(points)} contact points span no support polygon: they lie on one line")
+                raise MachineError(
+                    f"{len(points)} contact points span no support polygon: they lie on one line"
+                )
             hull = hull[keep]
 
     @property
@@ -106,7 +128,10 @@ class SupportPolygon:
     def edge_name(self, index: int) -> str:
         """Name of an edge for people: 'front', 'left', 'rear', 'right' on rectangles, 'edge i' otherwise."""
         normals = self.normals
-        if len(normals) != 4 or np.abs(np.einsum("ij,ij->i", normals, np.roll(normals, 1, axis=0))).max() > 1e-6:
+        if (
+            len(normals) != 4
+            or np.abs(np.einsum("ij,ij->i", normals, np.roll(normals, 1, axis=0))).max() > 1e-6
+        ):
             return f"edge {index}"
         front = int(np.argmax(normals[:, 0]))
         return ("front", "left", "rear", "right")[(index - front) % 4]
@@ -116,7 +141,8 @@ class SupportPolygon:
 
         .. math:: \min_i (b_i - e_i \cdot p)
 
-        Outside a corner it is the (negative) distance to the edge *line* most violated, not to the corner.
+        Outside a corner it is the (negative) distance to the edge *line* most violated, not to the
+        corner.
 
         Args:
             points: In the plane of the polygon, root frame, shape (..., 2) [m].
@@ -143,7 +169,9 @@ class SupportPolygon:
         e_x, e_y = self.normals.T
         zero = np.zeros_like(e_x)
         # tau'_x = tau_x + h f_y, tau'_y = tau_y - h f_x
-        return np.column_stack([self.height * e_x, self.height * e_y, margin - self.offsets, e_y, -e_x, zero])
+        return np.column_stack(
+            [self.height * e_x, self.height * e_y, margin - self.offsets, e_y, -e_x, zero]
+        )
 
     def inset(self, margin: float) -> SupportPolygon:
         """The polygon of the points that keep a margin from every edge; edges that no longer bound it are dropped.
@@ -165,14 +193,18 @@ class SupportPolygon:
         try:
             return SupportPolygon.convex_hull(corners, self.height)
         except MachineError:
-            raise MachineError(f"a margin of {margin} m leaves nothing of the support polygon") from None
+            raise MachineError(
+                f"a margin of {margin} m leaves nothing of the support polygon"
+            ) from None
 
 
 def _turns(edges: Array) -> Array:
     """Sine of the turn between each edge and the next, positive to the left, shape (V,)."""
     ahead = np.roll(edges, -1, axis=0)
     lengths = np.linalg.norm(edges, axis=1)
-    return np.asarray((edges[:, 0] * ahead[:, 1] - edges[:, 1] * ahead[:, 0]) / (lengths * np.roll(lengths, -1)))
+    return np.asarray(
+        (edges[:, 0] * ahead[:, 1] - edges[:, 1] * ahead[:, 0]) / (lengths * np.roll(lengths, -1))
+    )
 
 
 def _clip(corners: Array, normal: Array, offset: float) -> Array:

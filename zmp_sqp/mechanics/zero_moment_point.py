@@ -20,7 +20,8 @@ def zmp(machine: Machine, q: Any, v: Any, a: Any, ground: Ground) -> Array:
 
     .. math:: p = (-\tau'_y, \tau'_x) / f_z, \quad \tau' = \tau - (0, 0, h) \times f
 
-    This is eq. (5) of Song & Sharf 2020 for rigid bodies, and eq. (5) itself on `Machine.with_point_masses`.
+    This is eq. (5) of Song & Sharf 2020 for rigid bodies, and eq. (5) itself on
+    `Machine.with_point_masses`.
 
     Args:
         machine: The machine; without a support polygon the plane is z = 0 of the root frame.
@@ -34,20 +35,27 @@ def zmp(machine: Machine, q: Any, v: Any, a: Any, ground: Ground) -> Array:
 
     Raises:
         MachineError: Wrong shapes, or an entry that is not finite; the message names the joint.
-        ContactLost: The ground would have to pull (f_z <= 0); the message names the first such index.
+        ContactLost: The ground would have to pull (f_z <= 0); the message names the first such
+            index.
     """
     if not isinstance(machine, Machine):
-        raise MachineError(f"machine must be a Machine (see load_machine), not {type(machine).__name__}")
+        raise MachineError(
+            f"machine must be a Machine (see load_machine), not {type(machine).__name__}"
+        )
     if isinstance(ground, type) or not isinstance(ground, Ground):
         raise MachineError(f"ground must have a gravity(yaw) as Slope has, not {ground!r}")
     position = _samples(machine, q, "q")
     velocity, acceleration = _samples(machine, v, "v"), _samples(machine, a, "a")
     for name, other in (("v", velocity), ("a", acceleration)):
         if other.shape != position.shape:
-            raise MachineError(f"{name} must have the shape of q, {position.shape}, not {other.shape}")
+            raise MachineError(
+                f"{name} must have the shape of q, {position.shape}, not {other.shape}"
+            )
     rows = [np.atleast_2d(values) for values in (position, velocity, acceleration)]  # (K, n) each
     root_acceleration = np.concatenate([-ground.gravity(), np.zeros(3)])
-    wrench = ground_reaction(machine, rows[0], rows[1], rows[2], root_acceleration=root_acceleration)
+    wrench = ground_reaction(
+        machine, rows[0], rows[1], rows[2], root_acceleration=root_acceleration
+    )
     height = 0.0 if machine.support is None else machine.support.height
     return zmp_of_wrench(wrench, height).reshape((*position.shape[:-1], 2))
 
@@ -57,7 +65,8 @@ def stability_margin(machine: Machine, q: Any, v: Any, a: Any, ground: Ground) -
 
     .. math:: \min_i (b_i - e_i \cdot p)
 
-    Outside a corner it is the distance to the edge line most violated, not to the corner. Arguments as in `zmp`.
+    Outside a corner it is the distance to the edge line most violated, not to the corner. Arguments
+    as in `zmp`.
 
     Returns:
         Shape (K,) or () [m].
@@ -68,7 +77,9 @@ def stability_margin(machine: Machine, q: Any, v: Any, a: Any, ground: Ground) -
     """
     points = zmp(machine, q, v, a, ground)
     if machine.support is None:
-        raise MachineError(f"machine {machine.name!r} has no support polygon: give one by support=... or with_support")
+        raise MachineError(
+            f"machine {machine.name!r} has no support polygon: give one by support=... or with_support"
+        )
     return machine.support.signed_distance(points)
 
 
@@ -83,7 +94,8 @@ def zmp_of_wrench(wrench: Array, height: float = 0.0) -> Array:
         Root frame, shape (K, 2) [m].
 
     Raises:
-        ContactLost: The ground would have to pull (f_z <= 0); the message names the first such index.
+        ContactLost: The ground would have to pull (f_z <= 0); the message names the first such
+            index.
     """
     normal_force = wrench[:, 2]
     for index in np.flatnonzero(~(normal_force > 0.0)):
@@ -102,5 +114,7 @@ def _samples(machine: Machine, values: Any, name: str) -> Array:
     for *node, joint in np.argwhere(~np.isfinite(array)):
         where = f" at index {node[0]}" if node else ""
         value = array[(*node, joint)]
-        raise MachineError(f"{name} of joint {machine.joint_names[joint]!r}{where} must be finite, not {value}")
+        raise MachineError(
+            f"{name} of joint {machine.joint_names[joint]!r}{where} must be finite, not {value}"
+        )
     return array

@@ -33,13 +33,19 @@ def open_canvas(width: int, height: int) -> Any:
         MissingExtra: MuJoCo is not installed, or OpenGL does not work here.
     """
     load_mujoco()
-    headless = sys.platform == "linux" and not any(os.environ.get(name) for name in (RENDERER, *DISPLAYS))
+    headless = sys.platform == "linux" and not any(
+        os.environ.get(name) for name in (RENDERER, *DISPLAYS)
+    )
     try:
-        canvas = import_module("mujoco.egl" if headless else "mujoco.gl_context").GLContext(width, height)
+        canvas = import_module("mujoco.egl" if headless else "mujoco.gl_context").GLContext(
+            width, height
+        )
         canvas.make_current()
     except Exception as cause:  # whatever the drivers and their bindings raise
         complaint = " ".join(str(cause).split())
-        raise MissingExtra(f"nothing can be drawn here ({complaint}): install EGL, or set {RENDERER}=osmesa") from cause
+        raise MissingExtra(
+            f"nothing can be drawn here ({complaint}): install EGL, or set {RENDERER}=osmesa"
+        ) from cause
     return canvas
 
 

@@ -20,8 +20,10 @@ __all__ = ["contact_time", "foot_name", "multibody_spec"]
 FOOT = 0.01  # [m] radius of the spheres that stand on the ground
 DRIVE = 1e5  # [kg m^2 or kg] of a drive per kg of machine; 1e3 to 1e9 give the same motion
 LEAST_INERTIA = 1e-9  # [m^2] of a body per kg of it: MuJoCo takes no point masses
-RIGID = (0.01, 0.999)  # time constant [s] and impedance of contacts that yield by about a micrometre
-SOFT = 0.5  # impedance at which MuJoCo's spring and damper are those of its time constant: critically damped
+# time constant [s] and impedance of contacts that yield by about a micrometre
+RIGID = (0.01, 0.999)
+# impedance at which MuJoCo's spring and damper are those of its time constant: critically damped
+SOFT = 0.5
 FRICTION_RATIO = 10.0  # how much harder friction is than the normal force
 SOLVER = {"tolerance": 1e-12, "iterations": 200}  # 1e-6 changes lifts by 2 to 4 %, 1e-8 no more
 
@@ -42,19 +44,21 @@ def multibody_spec(
 ) -> Any:
     """MuJoCo's description of the machine, its root on a free joint, its feet on the ground.
 
-    The world is the root frame of the machine at rest: the ground stays level and gravity is tilted. A sphere stands
-    with its lowest point at each corner of the support polygon; nothing else touches. Each joint carries a drive of an
-    inertia far above the machine's, so that a force of that inertia times an acceleration prescribes the joint's
-    acceleration, whatever the rest of the machine does; the drive's inertia counts in the joint's own equation alone,
-    and the root feels the joints' motion as it is.
+    The world is the root frame of the machine at rest: the ground stays level and gravity is
+        tilted. A sphere stands
+    with its lowest point at each corner of the support polygon; nothing else touches. Each joint
+    carries a drive of an inertia far above the machine's, so that a force of that inertia times an
+    acceleration prescribes the joint's acceleration, whatever the rest of the machine does; the
+    drive's inertia counts in the joint's own equation alone, and the root feels the joints' motion
+    as it is.
 
     Args:
         machine: With a support polygon.
         ground: For its gravity.
         time_step: Of the simulation [s].
         friction: Coefficients of a foot's friction against sliding [-] and against twisting [m].
-        sinkage: How far the ground yields under the machine at rest, a spring and a damper below each foot; 0 is as
-            rigid as MuJoCo can be [m].
+        sinkage: How far the ground yields under the machine at rest, a spring and a damper below
+            each foot; 0 is as rigid as MuJoCo can be [m].
         solids: To be drawn.
 
     Returns:
@@ -77,8 +81,14 @@ def multibody_spec(
         "solref": [time, 1.0],
         "solimp": [impedance, impedance, 0.001, 0.5, 2.0],
     }
-    plane = {"type": mujoco.mjtGeom.mjGEOM_PLANE, "size": [0.0, 0.0, 1.0], "pos": [0.0, 0.0, support.height]}
-    spec.worldbody.add_geom(name="ground", contype=1, conaffinity=2, rgba=[0.0] * 4, **plane, **contact)
+    plane = {
+        "type": mujoco.mjtGeom.mjGEOM_PLANE,
+        "size": [0.0, 0.0, 1.0],
+        "pos": [0.0, 0.0, support.height],
+    }
+    spec.worldbody.add_geom(
+        name="ground", contype=1, conaffinity=2, rgba=[0.0] * 4, **plane, **contact
+    )
     bodies = [spec.worldbody]
     for joint in range(1, model.njoints):
         placement = model.jointPlacements[joint]
@@ -93,9 +103,15 @@ def multibody_spec(
         body.add_joint(name=model.names[joint], type=kind, axis=axis, armature=DRIVE * machine.mass)
     for corner, (x, y) in enumerate(support.vertices):
         bodies[1].add_geom(
-            name=foot_name(corner), type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[FOOT, 0.0, 0.0], rgba=[0.0] * 4,
-            pos=[x, y, support.height + FOOT], contype=2, conaffinity=1, **contact,
-        )  # fmt: skip
+            name=foot_name(corner),
+            type=mujoco.mjtGeom.mjGEOM_SPHERE,
+            size=[FOOT, 0.0, 0.0],
+            rgba=[0.0] * 4,
+            pos=[x, y, support.height + FOOT],
+            contype=2,
+            conaffinity=1,
+            **contact,
+        )
     for solid in solids:
         kind = getattr(mujoco.mjtGeom, f"mjGEOM_{solid.kind.upper()}")
         look = {"type": kind, "size": solid.size, "rgba": solid.colour}
@@ -117,7 +133,8 @@ def _set_inertia(body: Any, inertia: Any) -> None:
     """As it is, but for what makes it a body that MuJoCo takes: positive moments, of which no two fall short."""
     tensor = np.array(inertia.inertia)
     moments = np.linalg.eigvalsh(tensor)  # ascending
-    lacking = max(moments[2] - moments[1] - moments[0], 0.0)  # CAD files round: at most a thousandth
+    # CAD files round: at most a thousandth
+    lacking = max(moments[2] - moments[1] - moments[0], 0.0)
     tensor += (lacking + LEAST_INERTIA * (inertia.mass + moments[2])) * np.eye(3)
     body.mass, body.ipos, body.explicitinertial = inertia.mass, inertia.lever, True
     body.fullinertia = [*np.diag(tensor), tensor[0, 1], tensor[0, 2], tensor[1, 2]]

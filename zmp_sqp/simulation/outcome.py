@@ -11,7 +11,7 @@ from zmp_sqp.errors import MachineError
 from zmp_sqp.mechanics.ground import Ground
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.support import SupportPolygon
-from zmp_sqp.planning.trajectory import Trajectory
+from zmp_sqp.motion.trajectory import Trajectory
 
 __all__ = ["LIFTED", "Replay"]
 
@@ -22,15 +22,16 @@ LIFTED = 5e-3  # [m] above the ground at which a corner of the tracks counts as 
 class Replay:
     """A motion replayed on a machine that stands free on its ground.
 
-    Poses, heights and loads have one row per step of the simulation, K in all, from the start of the motion to the end
-    of the hold after it, or to where the machine had fallen over.
+    Poses, heights and loads have one row per step of the simulation, K in all, from the start of
+    the motion to the end of the hold after it, or to where the machine had fallen over.
 
     Attributes:
         machine: The machine.
         trajectory: The motion.
         ground: What it stood on.
         times: Since the start of the motion, shape (K,) [s].
-        poses: Of the root in the root frame at rest: position, and quaternion (w, x, y, z), shape (K, 7) [m].
+        poses: Of the root in the root frame at rest: position, and quaternion (w, x, y, z), shape
+            (K, 7) [m].
         loads: Normal force on the foot at each corner of the support polygon, shape (K, V) [N].
         tracking_error: Largest distance of a joint from the trajectory [rad or m].
         fell: Whether the machine tilted by more than 45 degrees; the replay ends there.

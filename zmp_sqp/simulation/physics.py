@@ -8,7 +8,7 @@ from zmp_sqp.arrays import finite_number
 from zmp_sqp.errors import MachineError, ProblemError, TrajectoryError
 from zmp_sqp.mechanics.ground import Ground
 from zmp_sqp.mechanics.machine import Machine
-from zmp_sqp.planning.trajectory import Trajectory
+from zmp_sqp.motion.trajectory import Trajectory
 from zmp_sqp.simulation.engine import load_mujoco
 from zmp_sqp.simulation.multibody import contact_time, foot_name, multibody_spec
 from zmp_sqp.simulation.outcome import Replay
@@ -37,10 +37,11 @@ def replay(
 
     .. math:: a_k = (q^*(t_{k+1}) - q_k - h v_k) / h^2
 
-    takes them to the trajectory's next positions, whatever that costs. So it is the motion that is judged, not a
-    controller. The undercarriage is a free rigid body on feet at the corners of the support polygon, of friction high
-    enough not to slide, as the zero moment point takes for granted. With a lower one, `Replay.slide` says how far the
-    motion is from that; point feet turn about a corner that carries the machine alone, which tracks do not.
+    takes them to the trajectory's next positions, whatever that costs. So it is the motion that is
+    judged, not a controller. The undercarriage is a free rigid body on feet at the corners of the
+    support polygon, of friction high enough not to slide, as the zero moment point takes for
+    granted. With a lower one, `Replay.slide` says how far the motion is from that; point feet turn
+    about a corner that carries the machine alone, which tracks do not.
 
     Args:
         machine: With a support polygon; the trajectory must be of its joints.
@@ -49,8 +50,9 @@ def replay(
         time_step: Of the simulation, at most 5 ms [s].
         hold: How long the machine stands still after a motion that ends at rest [s].
         friction: Coefficient of a foot's friction; times 1 m, that against twisting on the spot.
-        sinkage: How far the ground yields under a machine that stands evenly, like a spring and a damper [m]; 0 is
-            rigid. A machine leans on ground that yields, and its other side rises: go by `fell` and `max_tilt` there.
+        sinkage: How far the ground yields under a machine that stands evenly, like a spring and a
+            damper [m]; 0 is rigid. A machine leans on ground that yields, and its other side rises:
+            go by `fell` and `max_tilt` there.
 
     Raises:
         MissingExtra: MuJoCo is not installed.
@@ -66,9 +68,13 @@ def replay(
     grip = _setting(friction, name="friction", least=0.0, most=1e3)
     soft = _setting(sinkage, name="sinkage", least=0.0, most=1.0)
     if soft > 0.0 and contact_time(soft) < 2.0 * h:
-        raise ProblemError(f"a sinkage of {soft:g} m is too little for a time_step of {h:g} s: shorten it, or give 0")
+        raise ProblemError(
+            f"a sinkage of {soft:g} m is too little for a time_step of {h:g} s: shorten it, or give 0"
+        )
     mujoco = load_mujoco()
-    model = multibody_spec(machine, ground, time_step=h, friction=(grip, grip * 1.0), sinkage=soft).compile()
+    model = multibody_spec(
+        machine, ground, time_step=h, friction=(grip, grip * 1.0), sinkage=soft
+    ).compile()
     data = mujoco.MjData(model)
     joints = [model.joint(name) for name in machine.joint_names]
     at_q = np.array([joint.qposadr[0] for joint in joints])
@@ -95,7 +101,9 @@ def replay(
         if k >= 0:
             contact = data.contact
             rows = contact.efc_address  # of the normal force, -1 for contacts without one
-            np.add.at(loads[k], corner_of[contact.geom[:, 1]][rows >= 0], data.efc_force[rows[rows >= 0]])
+            np.add.at(
+                loads[k], corner_of[contact.geom[:, 1]][rows >= 0], data.efc_force[rows[rows >= 0]]
+            )
             if 1.0 - 2.0 * (poses[k, 4] ** 2 + poses[k, 5] ** 2) < FALLEN:
                 fell, count = True, k + 1
                 break
@@ -112,14 +120,20 @@ def _setting(value: float, *, name: str, least: float, most: float) -> float:
 
 def _check(machine: Machine, trajectory: Trajectory, ground: Ground) -> None:
     if not isinstance(machine, Machine):
-        raise MachineError(f"machine must be a Machine (see load_machine), not {type(machine).__name__}")
+        raise MachineError(
+            f"machine must be a Machine (see load_machine), not {type(machine).__name__}"
+        )
     if not isinstance(trajectory, Trajectory):
         raise TrajectoryError(f"trajectory must be a Trajectory, not {type(trajectory).__name__}")
     if isinstance(ground, type) or not isinstance(ground, Ground):
         raise ProblemError(f"ground must have a gravity(yaw) as Slope has, not {ground!r}")
     if machine.support is None:
-        raise MachineError(f"machine {machine.name!r} has no support polygon: give support= to load_machine")
+        raise MachineError(
+            f"machine {machine.name!r} has no support polygon: give support= to load_machine"
+        )
     if trajectory.joint_names != machine.joint_names:
-        raise ProblemError(f"the trajectory moves {trajectory.joint_names}, the machine has {machine.joint_names}")
+        raise ProblemError(
+            f"the trajectory moves {trajectory.joint_names}, the machine has {machine.joint_names}"
+        )
     if trajectory.base is not None:
         raise ProblemError("the trajectory's base drives; a replay needs one that stands")

@@ -32,10 +32,13 @@ ROOM = 1.12  # around the machine, as a share of the view
 LINE = 18  # [pixels] of a label
 
 
-def draw_strip(replays: Mapping[str, Replay], path: str | Path, *, moments: int = 5, width: int = 220) -> None:
+def draw_strip(
+    replays: Mapping[str, Replay], path: str | Path, *, moments: int = 5, width: int = 220
+) -> None:
     """A row of moments per replay, at the same times in all rows, from start to end of the longest motion.
 
-    The camera looks level along the contour of the slope, from the side that shows downhill to the left.
+    The camera looks level along the contour of the slope, from the side that shows downhill to the
+    left.
 
     Args:
         replays: By label; of machines on the same ground.
@@ -57,7 +60,9 @@ def draw_strip(replays: Mapping[str, Replay], path: str | Path, *, moments: int 
     for row, (label, replay) in enumerate(replays.items()):
         with _Stage.of(replay, width, height) as stage:
             for column, time in enumerate(times):
-                picture = _labelled(stage.draw(time), f"{label}, " * (column == 0) + _clock(replay, time))
+                picture = _labelled(
+                    stage.draw(time), f"{label}, " * (column == 0) + _clock(replay, time)
+                )
                 sheet.paste(picture, (column * width, row * (height + LINE)))
     sheet.convert("P", palette=image.Palette.ADAPTIVE, colors=128).save(path, optimize=True)
 
@@ -74,7 +79,10 @@ def draw_video(replays: Mapping[str, Replay], path: str | Path, *, width: int = 
     for column, (label, replay) in enumerate(replays.items()):
         with _Stage.of(replay, width, height) as stage:
             for frame, time in zip(frames, times, strict=True):
-                frame.paste(_labelled(stage.draw(time), f"{label}, {_clock(replay, time)}"), (column * width, 0))
+                frame.paste(
+                    _labelled(stage.draw(time), f"{label}, {_clock(replay, time)}"),
+                    (column * width, 0),
+                )
     frames[0].save(path, save_all=True, append_images=frames[1:], duration=1000 // RATE, loop=0)
 
 
@@ -109,7 +117,9 @@ class _Stage:
         mujoco = load_mujoco()
         machine = replay.machine
         solids = machine_solids(machine)
-        spec = multibody_spec(machine, replay.ground, time_step=1e-3, friction=(1.0, 1.0), solids=solids)
+        spec = multibody_spec(
+            machine, replay.ground, time_step=1e-3, friction=(1.0, 1.0), solids=solids
+        )
         _furnish(mujoco, spec, replay, solids, width / height)
         spec.visual.global_.offwidth, spec.visual.global_.offheight = width, height
         model = spec.compile()
@@ -117,7 +127,14 @@ class _Stage:
         try:
             context = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
             mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, context)
-            yield cls(replay, model, mujoco.MjData(model), mujoco.MjvScene(model, GEOMS), context, (width, height))
+            yield cls(
+                replay,
+                model,
+                mujoco.MjData(model),
+                mujoco.MjvScene(model, GEOMS),
+                context,
+                (width, height),
+            )
             context.free()
         finally:
             canvas.free()
@@ -132,9 +149,14 @@ class _Stage:
             self.data.joint(name).qpos = value
         mujoco.mj_forward(self.model, self.data)
         camera = mujoco.MjvCamera()
-        camera.type, camera.fixedcamid = mujoco.mjtCamera.mjCAMERA_FIXED.value, self.model.camera("view").id
+        camera.type, camera.fixedcamid = (
+            mujoco.mjtCamera.mjCAMERA_FIXED.value,
+            self.model.camera("view").id,
+        )
         everything = mujoco.mjtCatBit.mjCAT_ALL.value
-        mujoco.mjv_updateScene(self.model, self.data, mujoco.MjvOption(), None, camera, everything, self.scene)
+        mujoco.mjv_updateScene(
+            self.model, self.data, mujoco.MjvOption(), None, camera, everything, self.scene
+        )
         width, height = self.size
         pixels = np.empty((height, width, 3), dtype=np.uint8)
         whole = mujoco.MjrRect(0, 0, width, height)
@@ -143,12 +165,18 @@ class _Stage:
         return np.ascontiguousarray(pixels[::-1])  # OpenGL's rows run upwards
 
 
-def _furnish(mujoco: Any, spec: Any, replay: Replay, solids: Sequence[Solid], aspect: float) -> None:
+def _furnish(
+    mujoco: Any, spec: Any, replay: Replay, solids: Sequence[Solid], aspect: float
+) -> None:
     """Sky, soil, light and a camera that sees the machine wherever it moves to."""
     gravity = np.array(replay.ground.gravity())
     up = -gravity / np.linalg.norm(gravity)
     downhill = gravity[:2]
-    downhill = downhill / np.linalg.norm(downhill) if np.linalg.norm(downhill) > 1e-9 else np.array([0.0, 1.0])
+    downhill = (
+        downhill / np.linalg.norm(downhill)
+        if np.linalg.norm(downhill) > 1e-9
+        else np.array([0.0, 1.0])
+    )
     left = np.array([*downhill, 0.0])
     left = left - (left @ up) * up
     left /= np.linalg.norm(left)
@@ -168,33 +196,52 @@ def _furnish(mujoco: Any, spec: Any, replay: Replay, solids: Sequence[Solid], as
     spec.visual.headlight.ambient, spec.visual.headlight.diffuse = [0.45] * 3, [0.35] * 3
     spec.visual.headlight.specular = [0.0] * 3
     spec.worldbody.add_light(
-        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL, pos=list(10.0 * half * up), diffuse=[0.45] * 3,
-        dir=list(-up - 0.3 * left + 0.4 * ahead), castshadow=True,
-    )  # fmt: skip
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        pos=list(10.0 * half * up),
+        diffuse=[0.45] * 3,
+        dir=list(-up - 0.3 * left + 0.4 * ahead),
+        castshadow=True,
+    )
     sky, checker = mujoco.mjtTexture.mjTEXTURE_SKYBOX, mujoco.mjtTexture.mjTEXTURE_2D
     spec.add_texture(
-        name="sky", type=sky, builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT, width=64, height=384,
-        rgb1=SKY[0], rgb2=SKY[1],
-    )  # fmt: skip
+        name="sky",
+        type=sky,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        width=64,
+        height=384,
+        rgb1=SKY[0],
+        rgb2=SKY[1],
+    )
     spec.add_texture(
-        name="soil", type=checker, builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER, width=256, height=256,
-        rgb1=SOIL[0], rgb2=SOIL[1],
-    )  # fmt: skip
+        name="soil",
+        type=checker,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
+        width=256,
+        height=256,
+        rgb1=SOIL[0],
+        rgb2=SOIL[1],
+    )
     soil = spec.add_material(name="soil", texrepeat=[0.5, 0.5], texuniform=True)
     soil.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "soil"
     width = GROUND * half
     centre = [*middle[:2], replay.support.height - 0.05 * half]
     spec.worldbody.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_BOX, size=[width, width, 0.05 * half], pos=centre, material="soil",
-        contype=0, conaffinity=0,
-    )  # fmt: skip
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=[width, width, 0.05 * half],
+        pos=centre,
+        material="soil",
+        contype=0,
+        conaffinity=0,
+    )
 
 
 def _reach(replay: Replay, solids: Sequence[Solid]) -> Array:
     """Points that the machine's solids come to, standing, root frame, shape (P, 3) [m]."""
     machine = replay.machine
     data = machine.model.createData()
-    states = machine.configuration(replay.trajectory(np.linspace(0.0, replay.trajectory.duration, 12))[0])
+    states = machine.configuration(
+        replay.trajectory(np.linspace(0.0, replay.trajectory.duration, 12))[0]
+    )
     points = []
     for state in states:
         pin.forwardKinematics(machine.model, data, state)

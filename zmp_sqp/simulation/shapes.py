@@ -11,14 +11,15 @@ import numpy as np
 import pinocchio as pin
 
 from zmp_sqp.mechanics.machine import Machine
-from zmp_sqp.mechanics.urdf import shipped_machines
-from zmp_sqp.mechanics.urdf_elements import read_shape
+from zmp_sqp.mechanics.urdf.elements import read_shape
+from zmp_sqp.mechanics.urdf.loader import shipped_machines
 
 __all__ = ["Solid", "machine_solids"]
 
 STEEL, WOOD = (0.35, 0.37, 0.40, 1.0), (0.55, 0.38, 0.22, 1.0)
 SLENDER = 0.03  # radius of a stem over its length, at least
-BAR, PLATE = 0.02, 0.2  # thickness as a share of the footprint's size, height of the bar machine's base [m]
+# thickness as a share of the footprint's size, height of the bar machine's base [m]
+BAR, PLATE = 0.02, 0.2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,7 +28,8 @@ class Solid:
 
     Attributes:
         kind: 'box', 'cylinder', 'capsule' or 'sphere'.
-        size: Half edges of a box; radius and half length of a cylinder or capsule; radius of a sphere [m].
+        size: Half edges of a box; radius and half length of a cylinder or capsule; radius of a
+            sphere [m].
         joint: Index of the joint in the Pinocchio model that moves it.
         placement: `pin.SE3` of it in that joint's frame.
         colour: Red, green, blue, opacity, from 0 to 1.
@@ -48,7 +50,11 @@ def machine_solids(machine: Machine) -> list[Solid]:
 
 
 def _links(machine: Machine) -> list[Any]:
-    return [frame for frame in machine.model.frames if frame.type == pin.FrameType.BODY and frame.parentJoint > 0]
+    return [
+        frame
+        for frame in machine.model.frames
+        if frame.type == pin.FrameType.BODY and frame.parentJoint > 0
+    ]
 
 
 def _urdf_links(path: Any) -> list[str]:
@@ -70,7 +76,10 @@ def _visuals(machine: Machine, path: Any) -> Iterator[Solid]:
             if shape.kind == "mesh":
                 continue
             edges = shape.dimensions
-            halves = {"box": tuple(0.5 * edge for edge in edges), "cylinder": (edges[0], 0.5 * edges[-1])}
+            halves = {
+                "box": tuple(0.5 * edge for edge in edges),
+                "cylinder": (edges[0], 0.5 * edges[-1]),
+            }
             placement = frame.placement * pin.SE3(shape.rotation, shape.translation)
             name = None if material is None else material.get("name")
             size, colour = halves.get(shape.kind, edges), colours.get(name, STEEL)
@@ -81,19 +90,29 @@ def _bars(machine: Machine) -> Iterator[Solid]:
     """A plate on the ground, and a bar from every joint to the next, or to the centre of mass of the last body."""
     model, support = machine.model, machine.support
     points = np.zeros((1, 2)) if support is None else support.vertices
-    low, high, height = points.min(axis=0), points.max(axis=0), 0.0 if support is None else support.height
+    low, high, height = (
+        points.min(axis=0),
+        points.max(axis=0),
+        0.0 if support is None else support.height,
+    )
     half, middle = 0.5 * (high - low), 0.5 * (high + low)
     plate = pin.SE3(np.eye(3), np.array([*middle, height + 0.5 * PLATE]))
     yield Solid("box", (*np.maximum(half, BAR), 0.5 * PLATE), 1, plate, STEEL)
     radius = max(BAR * float(half.max()), 0.5 * BAR)
     for joint in range(1, model.njoints):
         following = [i for i in range(joint + 1, model.njoints) if model.parents[i] == joint]
-        ends = [model.jointPlacements[i].translation for i in following] or [model.inertias[joint].lever]
+        ends = [model.jointPlacements[i].translation for i in following] or [
+            model.inertias[joint].lever
+        ]
         for end in ends:
             length = float(np.linalg.norm(end))
             if length > 0.0:
-                turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), end / length).matrix()
-                yield Solid("capsule", (radius, 0.5 * length), joint, pin.SE3(turn, 0.5 * end), STEEL)
+                turn = pin.Quaternion.FromTwoVectors(
+                    np.array([0.0, 0.0, 1.0]), end / length
+                ).matrix()
+                yield Solid(
+                    "capsule", (radius, 0.5 * length), joint, pin.SE3(turn, 0.5 * end), STEEL
+                )
         hub = pin.SE3(np.eye(3), np.zeros(3))
         yield Solid("sphere", (1.5 * radius,), joint, hub, STEEL)
 
@@ -113,7 +132,13 @@ def _payloads(machine: Machine) -> Iterator[Solid]:
         axes = axes[:, [1, 2, 0]] * np.array([1.0, 1.0, np.linalg.det(axes)])
         if moments[2] <= 0.0 < np.linalg.norm(lever):
             length = 2.0 * float(np.linalg.norm(lever))
-            axes = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), 2.0 * lever / length).matrix()
+            axes = pin.Quaternion.FromTwoVectors(
+                np.array([0.0, 0.0, 1.0]), 2.0 * lever / length
+            ).matrix()
         radius = max(radius, SLENDER * length, BAR)
-        kind, size = ("cylinder", (radius, 0.5 * length)) if length > radius else ("sphere", (max(radius, 5.0 * BAR),))
+        kind, size = (
+            ("cylinder", (radius, 0.5 * length))
+            if length > radius
+            else ("sphere", (max(radius, 5.0 * BAR),))
+        )
         yield Solid(kind, size, frame.parentJoint, frame.placement * pin.SE3(axes, lever), WOOD)

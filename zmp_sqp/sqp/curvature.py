@@ -17,11 +17,12 @@ def convexified(H: Array, active_rows: Array, *, floor: float) -> Array:
 
     .. math:: \hat H = N \lfloor N^T H N \rfloor N^T + R \lfloor R^T H R \rfloor R^T
 
-    N spans the null space of the active rows, R their range, and :math:`\lfloor . \rfloor` lifts eigenvalues
-    below `floor` to it. Near a solution that satisfies the second-order condition, N'HN is positive definite and
-    is left as it is: steps are those of the exact Hessian in N, while R is decided by the active rows alone, so that
-    convergence is two-step superlinear (Nocedal & Wright 2006, section 18.3). Clipping the Hessian's stage blocks
-    one by one instead keeps curvature that cancels through the dynamics, and the SQP creeps.
+    N spans the null space of the active rows, R their range, and :math:`\lfloor . \rfloor` lifts
+    eigenvalues below `floor` to it. Near a solution that satisfies the second-order condition, N'HN
+    is positive definite and is left as it is: steps are those of the exact Hessian in N, while R is
+    decided by the active rows alone, so that convergence is two-step superlinear (Nocedal & Wright
+    2006, section 18.3). Clipping the Hessian's stage blocks one by one instead keeps curvature that
+    cancels through the dynamics, and the SQP creeps.
 
     Args:
         H: Condensed Hessian, symmetric, shape (r, r).
@@ -37,7 +38,9 @@ def convexified(H: Array, active_rows: Array, *, floor: float) -> Array:
     pivots = np.abs(np.diag(triangle))
     rank = int((pivots > RANK_TOLERANCE * max(pivots[0], 1e-300)).sum())
     R, N = Q[:, :rank], Q[:, rank:]
-    parts = [basis @ _lifted(basis.T @ H @ basis, floor) @ basis.T for basis in (N, R) if basis.shape[1]]
+    parts = [
+        basis @ _lifted(basis.T @ H @ basis, floor) @ basis.T for basis in (N, R) if basis.shape[1]
+    ]
     total: Array = np.sum(parts, axis=0)
     return 0.5 * (total + total.T)
 

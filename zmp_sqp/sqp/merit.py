@@ -12,17 +12,20 @@ from zmp_sqp.sqp.subproblem import Mask, Step
 
 __all__ = ["Merit"]
 
-SAFETY = 1.2  # penalty weights over the multipliers' dual norm; any factor above 1 makes the penalty exact
+# penalty weights over the multipliers' dual norm; any factor above 1 makes the penalty exact
+SAFETY = 1.2
 
 
 @dataclass(slots=True)
 class Merit:
     r"""Exact penalty function of the largest nonlinear violation and the sum of all others.
 
-    .. math:: m(x) = f [+ \varphi] + \nu \max_{i \in nonlinear} c_i^+ + \mu (\|c_E\|_1 + \sum_{i \in linear} c_i^+)
+    .. math:: m(x) = f [+ \varphi] + \nu \max_{i \in nonlinear} c_i^+ + \mu (\|c_E\|_1 + \sum_{i \in
+        linear} c_i^+)
 
-    A QP step lowers m while :math:`\nu \ge \sum z_{nonlinear}` and :math:`\mu \ge \max(|y|, z_{linear})` (the dual
-    norms; Nocedal & Wright 2006, theorem 18.2), and so does a step of the relaxed QP with :math:`\rho = \nu`.
+    A QP step lowers m while :math:`\nu \ge \sum z_{nonlinear}` and :math:`\mu \ge \max(|y|,
+    z_{linear})` (the dual norms; Nocedal & Wright 2006, theorem 18.2), and so does a step of the
+    relaxed QP with :math:`\rho = \nu`.
     """
 
     nonlinear: Mask
@@ -51,7 +54,11 @@ class Merit:
     def predicted_decrease(self, lin: Linearization, dx: Array) -> float:
         """m minus its first-order model after the step."""
         after = self._penalty(lin.at.equalities + lin.A @ dx, lin.at.inequalities + lin.C @ dx)
-        return self._penalty(lin.at.equalities, lin.at.inequalities) - after - float(self.gradient(lin) @ dx)
+        return (
+            self._penalty(lin.at.equalities, lin.at.inequalities)
+            - after
+            - float(self.gradient(lin) @ dx)
+        )
 
     def _penalty(self, equalities: Array, inequalities: Array) -> float:
         over = np.maximum(inequalities, 0.0)

@@ -19,7 +19,8 @@ class Evaluation:
 
     Attributes:
         objective: f(x).
-        tie_breaker: Small second objective phi(x) that picks one of many minimisers; the program minimises f + phi.
+        tie_breaker: Small second objective phi(x) that picks one of many minimisers; the program
+            minimises f + phi.
         equalities: c_E(x), shape (p,); feasible iff zero.
         inequalities: c_I(x), shape (m,); feasible iff not positive.
     """
@@ -52,8 +53,9 @@ class Basis:
     Attributes:
         Z: Shape (n, r); an array, or what has its products with arrays.
         d: Particular solution that closes the gaps, shape (n,).
-        free: Indices of the r free variables (controls and final time), at which Z is the identity and d is zero, shape
-            (r,); empty if there are no such variables, because the basis ties controls to each other.
+        free: Indices of the r free variables (controls and final time), at which Z is the identity
+            and d is zero, shape (r,); empty if there are no such variables, because the basis ties
+            controls to each other.
         eliminated: How many equalities, from the first on, this basis satisfies.
     """
 
@@ -100,8 +102,8 @@ class NonlinearProgram(Protocol):
     def hessian(self, x: Array, y: Array, z: Array, *, convex: bool) -> Any:
         """Hessian of the Lagrangian f + phi + y.c_E + z.c_I, CSR, shape (n, n).
 
-        `y` belongs to the equalities that no basis eliminates. With `convex` its blocks are clipped to positive
-        semi-definite ones one by one; without, it is exact and in general indefinite.
+        `y` belongs to the equalities that no basis eliminates. With `convex` its blocks are clipped
+        to positive semi-definite ones one by one; without, it is exact and in general indefinite.
         """
 
     def optimality_gap(self, x: Array) -> float:

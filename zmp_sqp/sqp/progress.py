@@ -37,7 +37,11 @@ def creeps(history: Sequence[IterationRecord], feasibility: float) -> bool:
     recent = history[-CREEP_WINDOW:]
     values = [record.objective for record in recent]
     slow = max(values) - min(values) <= CREEP * max(1.0, abs(values[-1])) if values else False
-    return len(recent) == CREEP_WINDOW and slow and all(record.violation <= 10.0 * feasibility for record in recent)
+    return (
+        len(recent) == CREEP_WINDOW
+        and slow
+        and all(record.violation <= 10.0 * feasibility for record in recent)
+    )
 
 
 def kkt_error(lin: Linearization, y: Array, z: Array) -> float:

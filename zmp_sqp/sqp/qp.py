@@ -50,13 +50,16 @@ class QP:
     def is_finite(self) -> bool:
         """Whether no NaN, no infinity where none belongs and no lower side above its upper one stands in the data.
 
-        Backends ask before they solve: ProxQP and PIQP do not check, and run to their caps or worse.
+        Backends ask before they solve: ProxQP and PIQP do not check, and run to their caps or
+            worse.
         """
         matrices = [self.H, self.A, self.C]
         entries = [matrix.data if sp.issparse(matrix) else matrix for matrix in matrices]
         sides_ordered = bool(np.all(self.l <= self.u))  # False with NaN
         # a sum is finite only if all entries are, and five times as fast to look at
-        return sides_ordered and all(bool(np.isfinite(np.sum(array))) for array in (*entries, self.g, self.b))
+        return sides_ordered and all(
+            bool(np.isfinite(np.sum(array))) for array in (*entries, self.g, self.b)
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,7 +85,14 @@ class QPSolution:
     @classmethod
     def nothing(cls, qp: QP, backend: str) -> QPSolution:
         """What a backend answers when it has nothing to offer: not finite, so that its residuals are infinite."""
-        return cls(np.full(qp.size, np.nan), np.full(len(qp.b), np.nan), np.full(len(qp.u), np.nan), False, 0, backend)
+        return cls(
+            np.full(qp.size, np.nan),
+            np.full(len(qp.b), np.nan),
+            np.full(len(qp.u), np.nan),
+            False,
+            0,
+            backend,
+        )
 
     def residuals(self, qp: QP) -> tuple[float, float]:
         r"""Primal and dual residuals, independent of what the backend reports.
@@ -94,14 +104,18 @@ class QPSolution:
         Returns:
             (primal, dual); infinite where the solution is not finite.
         """
-        if not (np.isfinite(self.x).all() and np.isfinite(self.y).all() and np.isfinite(self.z).all()):
+        if not (
+            np.isfinite(self.x).all() and np.isfinite(self.y).all() and np.isfinite(self.z).all()
+        ):
             return np.inf, np.inf
         rows = qp.C @ self.x
         above, below = rows - qp.u, qp.l - rows
         primal = max(_largest(np.abs(qp.A @ self.x - qp.b)), _largest(above), _largest(below))
         stationarity = np.abs(qp.H @ self.x + qp.g + qp.A.T @ self.y + qp.C.T @ self.z)
         slack = np.where(self.z > 0.0, -above, np.where(self.z < 0.0, -below, 0.0))
-        return primal, max(_largest(stationarity), _largest(np.abs(np.minimum(np.abs(slack), np.abs(self.z)))))
+        return primal, max(
+            _largest(stationarity), _largest(np.abs(np.minimum(np.abs(slack), np.abs(self.z))))
+        )
 
 
 def _largest(values: Array) -> float:

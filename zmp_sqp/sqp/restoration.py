@@ -17,17 +17,26 @@ __all__ = ["restored"]
 Mask = npt.NDArray[np.bool_]
 
 RESTORATIONS = 4  # steps before a QP is asked again
-CONTRACTION = 0.3  # of the violation per step: with less it is not the basin of quadratic convergence
+# of the violation per step: with less it is not the basin of quadratic convergence
+CONTRACTION = 0.3
 SCREEN = 0.05  # rows closer to their bound than this are in the first working set
 ROUNDS = 3  # of adding rows that the step violates
-MISSED = 0.1  # of the current violation: rows that a step misses by less wait for the next linearisation
+# of the current violation: rows that a step misses by less wait for the next linearisation
+MISSED = 0.1
 MOST_ROWS = 600  # beyond, pivoting row by row is slower than a QP
 DEAR = 1e5  # the price, in the distance, of moving a variable that the objective depends on
-SINGULAR = 1e-12  # least residual, relative, of constraints that some step meets, and least pivot of the equalities
+# least residual, relative, of constraints that some step meets, and least pivot of the equalities
+SINGULAR = 1e-12
 
 
 def restored(
-    nlp: NonlinearProgram, x: Array, lin: Linearization, z: Array, *, feasibility: float, optimality: float
+    nlp: NonlinearProgram,
+    x: Array,
+    lin: Linearization,
+    z: Array,
+    *,
+    feasibility: float,
+    optimality: float,
 ) -> tuple[Array, Linearization] | None:
     """Feasible point at the bound by the shortest steps that meet the linearised constraints; None if that fails.
 
@@ -46,7 +55,8 @@ def restored(
         if dx is None:
             return None
         before, x = lin.at.violation, x + dx
-        ahead = nlp.linearize(x) if before**2 > feasibility else None  # unlikely to be the last step
+        # unlikely to be the last step
+        ahead = nlp.linearize(x) if before**2 > feasibility else None
         at = nlp.evaluate(x) if ahead is None else ahead.at
         if not at.is_finite() or nlp.optimality_gap(x) > optimality:
             return None
@@ -58,17 +68,23 @@ def restored(
     return None
 
 
-def _shortest_step(lin: Linearization, working: Mask, feasibility: float) -> tuple[Array | None, Mask]:
+def _shortest_step(
+    lin: Linearization, working: Mask, feasibility: float
+) -> tuple[Array | None, Mask]:
     r"""Least step, in free variables, that meets the linearised constraints, if there is one, and the rows looked at.
 
     .. math:: \min |W dx| \quad \text{s.t.} \quad c_E + A\,dx = 0, \; c_I + C\,dx \le 0
 
-    The equalities are eliminated by QR; the dual of what remains is a nonnegative least-squares problem (Lawson and
-    Hanson 1974, chapter 23), solved by pivoting.
+    The equalities are eliminated by QR; the dual of what remains is a nonnegative least-squares
+    problem (Lawson and Hanson 1974, chapter 23), solved by pivoting.
     """
     at, basis = lin.at, lin.basis
     skip = 0 if basis is None else basis.eliminated
-    d, Z = (np.zeros(len(lin.gradient)), np.eye(len(lin.gradient))) if basis is None else (basis.d, basis.Z)
+    d, Z = (
+        (np.zeros(len(lin.gradient)), np.eye(len(lin.gradient)))
+        if basis is None
+        else (basis.d, basis.Z)
+    )
     weights = np.where(Z.T @ lin.gradient != 0.0, DEAR, 1.0)
     kept = lin.A[skip:]
     b = -(at.equalities[skip:] + kept @ d)
@@ -89,8 +105,10 @@ def _shortest_step(lin: Linearization, working: Mask, feasibility: float) -> tup
         dual = np.vstack([((rows @ Q) @ Q.T - rows).T, -room])
         target = np.append(np.zeros(len(weights)), 1.0)
         try:
-            z = nnls(dual, target)[0] if len(index) else np.zeros(0)  # SciPy aborts the process if there are no columns
-        except (RuntimeError, ValueError):  # it did not come to an end, or met derivatives that are not numbers
+            # SciPy aborts the process if there are no columns
+            z = nnls(dual, target)[0] if len(index) else np.zeros(0)
+        # it did not come to an end, or met derivatives that are not numbers
+        except (RuntimeError, ValueError):
             break
         residual = dual @ z - target
         if not abs(residual[-1]) > SINGULAR:  # no step meets these rows

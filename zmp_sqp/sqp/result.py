@@ -36,7 +36,8 @@ class IterationRecord:
 
     Attributes:
         iteration: Counted from 1.
-        backend: Which one solved the QP in the end; "name+fallback" is never hidden: a fallback shows here.
+        backend: Which one solved the QP in the end; "name+fallback" is never hidden: a fallback
+            shows here.
         inner_iterations: Of all backends and rounds.
         rows: Inequalities in the last working set.
         relaxed: Whether the QP had to be relaxed.

@@ -22,11 +22,15 @@ Multipliers = tuple[Array, Array]
 PRIMAL_TOLERANCE = 1e-7  # of a QP solution that is believed, scaled units
 DUAL_TOLERANCE = 1e-5  # likewise
 SCREEN = 0.05  # rows closer to their bound than this are in the first working set
-MISSED = 0.1  # of the current violation: nonlinear rows that a step misses by less wait for the next linearisation
+# of the current violation: nonlinear rows that a step misses by less wait for the next
+# linearisation
+MISSED = 0.1
 MISSED_RESTORING = 0.2  # likewise any row, where nothing is left to optimise
 ADDED = 1e-9  # rows that a screened solution violates by more join the working set
 MAX_ROUNDS = 12  # of adding violated rows
-LARGE = 300  # rows from which on the fallback is faster, docs/notes.md; ProxQP aborts the process at some thousands
+# rows from which on the fallback is faster, docs/notes.md; ProxQP aborts the process at some
+# thousands
+LARGE = 300
 LARGE_SHARE = 1.2  # likewise, per free variable: the larger of both counts
 
 
@@ -75,23 +79,34 @@ class Step:
 class Subproblem:
     r"""QP about one iterate.
 
-    .. math:: \min_{dx} \tfrac12 dx^T H dx + g^T dx \; [+ \rho t] \quad \text{s.t.} \quad c_E + A\,dx = 0, \;
-              c_I + C\,dx \le 0 \; [+ t \text{ on nonlinear rows}], \; [t \ge 0]
+    .. math:: \min_{dx} \tfrac12 dx^T H dx + g^T dx \; [+ \rho t] \quad \text{s.t.} \quad c_E +
+              A\,dx = 0, \; c_I + C\,dx \le 0 \; [+ t \text{ on nonlinear rows}], \; [t \ge 0]
 
-    Condensed and screened: dx = d + Z dy with the linearisation's basis, and only rows near their bounds take part;
-    rows that the solution violates join until there are none, but for nonlinear rows that it misses by little against
-    the violation now (any rows, where nothing is left to optimise); so that near a solution the answer is that of the
-    full QP. A condensed QP that the first backend does not finish, or whose working set outgrows it, goes to the
-    fallback: whole and sparse, all rows at once, where the Hessian allows that; condensed otherwise.
+    Condensed and screened: dx = d + Z dy with the linearisation's basis, and only rows near their
+        bounds take part;
+    rows that the solution violates join until there are none, but for nonlinear rows that it misses
+    by little against the violation now (any rows, where nothing is left to optimise); so that near
+    a solution the answer is that of the full QP. A condensed QP that the first backend does not
+    finish, or whose working set outgrows it, goes to the fallback: whole and sparse, all rows at
+    once, where the Hessian allows that; condensed otherwise.
     """
 
     def __init__(
-        self, lin: Linearization, nonlinear: Mask, backend: QPBackend, fallback: QPBackend | None,
-        *, restoring: bool = False,
-    ) -> None:  # fmt: skip
+        self,
+        lin: Linearization,
+        nonlinear: Mask,
+        backend: QPBackend,
+        fallback: QPBackend | None,
+        *,
+        restoring: bool = False,
+    ) -> None:
         """Condense the linearisation if it has a basis; `restoring`: nothing is left to optimise."""
         self.lin, self.nonlinear = lin, nonlinear
-        share = np.where(nonlinear, MISSED, 0.0) if not restoring else np.full(len(nonlinear), MISSED_RESTORING)
+        share = (
+            np.where(nonlinear, MISSED, 0.0)
+            if not restoring
+            else np.full(len(nonlinear), MISSED_RESTORING)
+        )
         self._missed = np.maximum(share * lin.at.violation, ADDED)
         self._backends = [backend] if fallback is None else [backend, fallback]
         self._for_whole = [b for b in self._backends if b.wants_sparse] if _spans_all(lin) else []
@@ -142,12 +157,15 @@ class Subproblem:
         """Condensed Jacobian of the equalities and of the inequalities with a multiplier."""
         return np.vstack([self._A, self._rows(np.flatnonzero(z > 0.0))])
 
-    def solve(self, model: Model, *, previous: Multipliers, relaxation_weight: float | None = None) -> Step:
+    def solve(
+        self, model: Model, *, previous: Multipliers, relaxation_weight: float | None = None
+    ) -> Step:
         """Step with its multipliers.
 
         Args:
             model: What to minimise.
-            previous: Multipliers (y, z) of the last QP: the rows that they hold start in the working set.
+            previous: Multipliers (y, z) of the last QP: the rows that they hold start in the
+                working set.
             relaxation_weight: rho; None solves the QP as it is.
         """
         hands_over = model.whole is not None and bool(self._for_whole)
@@ -165,12 +183,16 @@ class Subproblem:
         at, lin = self.lin.at, self.lin
         free = np.full(len(self._u), -np.inf)
         qp = QP(model.whole, model.gradient, lin.A, -at.equalities, lin.C, free, -at.inequalities)
-        solution, solved, inner = _attempt(_relaxed(qp, self.nonlinear, relaxation_weight), None, self._for_whole[:1])
+        solution, solved, inner = _attempt(
+            _relaxed(qp, self.nonlinear, relaxation_weight), None, self._for_whole[:1]
+        )
         index = np.arange(len(self._u))
         solution = replace(solution, y=solution.y[self._kept_equalities :])
         return _step(solution, solution.x[: qp.size], index, len(self._u), inner, solved=solved)
 
-    def _solve_screened(self, model: Model, previous: Multipliers, relaxation_weight: float | None) -> Step:
+    def _solve_screened(
+        self, model: Model, previous: Multipliers, relaxation_weight: float | None
+    ) -> Step:
         """Condensed, in rounds of growing working sets."""
         basis, elastic = self.lin.basis, relaxation_weight is not None
         hands_over = model.whole is not None and bool(self._for_whole)
@@ -193,7 +215,9 @@ class Subproblem:
             dx = move if basis is None else basis.d + basis.Z @ move
             if not solved:
                 break
-            over = np.where(working, 0.0, self.lin.C @ dx + self.lin.at.inequalities - t * self.nonlinear)
+            over = np.where(
+                working, 0.0, self.lin.C @ dx + self.lin.at.inequalities - t * self.nonlinear
+            )
             added = over > ADDED
             if not (over > self._missed).any():
                 break
@@ -234,7 +258,9 @@ def _spans_all(lin: Linearization) -> bool:
     return basis is not None and basis.Z.shape[1] + basis.eliminated == basis.Z.shape[0]
 
 
-def _attempt(qp: QP, warm: QPSolution | None, backends: list[QPBackend]) -> tuple[QPSolution, bool, int]:
+def _attempt(
+    qp: QP, warm: QPSolution | None, backends: list[QPBackend]
+) -> tuple[QPSolution, bool, int]:
     """First solution that its residuals confirm, else the last one; inner iterations of all."""
     count = 0
     for backend in backends:
@@ -247,17 +273,21 @@ def _attempt(qp: QP, warm: QPSolution | None, backends: list[QPBackend]) -> tupl
     return solution, False, count
 
 
-def _step(solution: QPSolution, dx: Array, index: Indices, size: int, inner: int, *, solved: bool) -> Step:
+def _step(
+    solution: QPSolution, dx: Array, index: Indices, size: int, inner: int, *, solved: bool
+) -> Step:
     z = np.zeros(size)
     z[index] = np.maximum(solution.z[: len(index)], 0.0)
-    z[z < 1e-10 * max(1.0, float(z.max(initial=0.0)))] = 0.0  # an interior point leaves dust on inactive rows
+    # an interior point leaves dust on inactive rows
+    z[z < 1e-10 * max(1.0, float(z.max(initial=0.0)))] = 0.0
     t = float(solution.x[-1]) if len(solution.z) > len(index) else 0.0
     return Step(dx, solution.y, z, max(t, 0.0), solved, solution.backend, inner, len(index))
 
 
 def _extended(solution: QPSolution, rows: Indices, more: Indices) -> QPSolution:
     """The solution as a guess for the QP with more rows, whose multipliers start at zero."""
-    z = np.zeros(len(more) + len(solution.z) - len(rows))  # the relaxation's own row, if any, is the last
+    # the relaxation's own row, if any, is the last
+    z = np.zeros(len(more) + len(solution.z) - len(rows))
     z[np.searchsorted(more, rows)] = solution.z[: len(rows)]
     z[len(more) :] = solution.z[len(rows) :]
     return replace(solution, z=z)
@@ -279,4 +309,6 @@ def _relaxed(qp: QP, nonlinear: Mask, weight: float | None) -> QP:
         H = np.zeros((n + 1, n + 1))
         H[:n, :n], H[n, n] = qp.H, 1e-8
         A, C = np.hstack([qp.A, np.zeros((p, 1))]), np.vstack([np.hstack([qp.C, column]), last])
-    return QP(H, np.append(qp.g, weight), A, qp.b, C, np.append(qp.l, -np.inf), np.append(qp.u, 0.0))
+    return QP(
+        H, np.append(qp.g, weight), A, qp.b, C, np.append(qp.l, -np.inf), np.append(qp.u, 0.0)
+    )

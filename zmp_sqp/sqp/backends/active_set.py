@@ -13,10 +13,12 @@ __all__ = ["ActiveSetMethod"]
 
 TOLERANCE = 1e-9  # of rows, each divided by its norm in the metric of H
 DIGITS = 6  # decimals of the proximal centre: the noise of a guess is far below
-STEEP = 0.1  # of the largest gradient: variables whose curvature may be too small for the method's digits
+# of the largest gradient: variables whose curvature may be too small for the method's digits
+STEEP = 0.1
 PROXIMAL = 1e-4  # the curvature that they get, per unit gradient
 LARGEST_WORK = 1e9  # entries looked at by all pivots: a second or so
-PRIMAL_TOLERANCE, DUAL_TOLERANCE = 1e-7, 1e-5  # the latter per unit gradient; beyond, it is no solution
+# the latter per unit gradient; beyond, it is no solution
+PRIMAL_TOLERANCE, DUAL_TOLERANCE = 1e-7, 1e-5
 NO_BOUND = 1e30  # what DAQP takes for infinity
 INFEASIBLE = -1  # DAQP's exit flag: the dual has a ray
 EQUALITY, ACTIVE, LOWER = 5, 1, 2  # DAQP's `sense`
@@ -25,10 +27,11 @@ EQUALITY, ACTIVE, LOWER = 5, 1, 2  # DAQP's `sense`
 class ActiveSetMethod:
     r"""Solves a QP whose active rows are nearly known; the answer's bits follow from those rows, not from digits.
 
-    In w = L'x + L^{-1}g, with H = LL', the QP asks for the point of a polyhedron that is nearest to the origin, which
-    DAQP finds by exchanging active rows (Arnstroem, Bemporad and Axehill 2022). Curvature of variables that the
-    objective presses against their rows, such as the duration, is all but zero, and w would lose half of its digits:
-    they get a proximal term about the guess, rounded.
+    In w = L'x + L^{-1}g, with H = LL', the QP asks for the point of a polyhedron that is nearest to
+    the origin, which DAQP finds by exchanging active rows (Arnstroem, Bemporad and Axehill 2022).
+    Curvature of variables that the objective presses against their rows, such as the duration, is
+    all but zero, and w would lose half of its digits: they get a proximal term about the guess,
+    rounded.
 
     Attributes:
         is_ready: Whether H is positive definite; otherwise there is no solving.
@@ -41,7 +44,9 @@ class ActiveSetMethod:
         self.is_infeasible = False
         steepness, diagonal = np.abs(qp.g), qp.H.diagonal()
         rows = np.vstack([qp.C, qp.A])
-        steep = (steepness >= STEEP * steepness.max(initial=0.0)) & (diagonal < PROXIMAL * steepness)
+        steep = (steepness >= STEEP * steepness.max(initial=0.0)) & (
+            diagonal < PROXIMAL * steepness
+        )
         self._proximal = np.where(steep & (len(rows) > 0), PROXIMAL * steepness, 0.0)
         self.is_ready = True
         if np.count_nonzero(qp.H) == np.count_nonzero(diagonal):
@@ -51,7 +56,9 @@ class ActiveSetMethod:
             self._rows = rows / self._root if self.is_ready else rows
             return
         try:
-            self._root = sla.cholesky(qp.H + np.diag(self._proximal), lower=True, check_finite=False)
+            self._root = sla.cholesky(
+                qp.H + np.diag(self._proximal), lower=True, check_finite=False
+            )
         except np.linalg.LinAlgError:
             self.is_ready = False
             return
@@ -80,9 +87,18 @@ class ActiveSetMethod:
         pivots = int(min(most_pivots, LARGEST_WORK / self._rows.size))
         # reducing equalities, which it does where they are many, loses their multipliers
         w, _, flag, info = daqp.solve(
-            None, None, self._rows, upper, lower, sense, primal_tol=TOLERANCE, dual_tol=1e-12, iter_limit=pivots,
-            eps_prox=0.0, eq_reduction=-1,
-        )  # fmt: skip
+            None,
+            None,
+            self._rows,
+            upper,
+            lower,
+            sense,
+            primal_tol=TOLERANCE,
+            dual_tol=1e-12,
+            iter_limit=pivots,
+            eps_prox=0.0,
+            eq_reduction=-1,
+        )
         if flag < 1:
             self.is_infeasible = flag == INFEASIBLE
             return None
@@ -91,7 +107,9 @@ class ActiveSetMethod:
         x = self._from_right(np.asarray(w) - nearest)
         solution = QPSolution(x, y, z, True, int(info["iterations"]), "daqp")
         primal, dual = solution.residuals(qp)
-        good = primal <= PRIMAL_TOLERANCE and dual <= DUAL_TOLERANCE * max(1.0, float(np.abs(qp.g).max(initial=0.0)))
+        good = primal <= PRIMAL_TOLERANCE and dual <= DUAL_TOLERANCE * max(
+            1.0, float(np.abs(qp.g).max(initial=0.0))
+        )
         return solution if good else None
 
     def _from_left(self, right: Array) -> Array:
@@ -104,4 +122,6 @@ class ActiveSetMethod:
         """L^{-T} w."""
         if self._root.ndim == 1:
             return np.asarray(w / self._root)
-        return np.asarray(sla.solve_triangular(self._root, w, lower=True, trans="T", check_finite=False))
+        return np.asarray(
+            sla.solve_triangular(self._root, w, lower=True, trans="T", check_finite=False)
+        )

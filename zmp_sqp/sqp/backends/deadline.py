@@ -21,7 +21,8 @@ class TimeLimited(Protocol):
 class Punctual:
     """Another backend until the deadline; from then on it has nothing to offer.
 
-    ProxQP and PIQP cannot be told to stop: a QP that has begun is brought to its end. Solvers behind qpsolvers that
+    ProxQP and PIQP cannot be told to stop: a QP that has begun is brought to its end. Solvers
+        behind qpsolvers that
     know a time limit are given what remains.
     """
 

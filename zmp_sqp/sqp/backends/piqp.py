@@ -39,4 +39,6 @@ class PIQP:
         result = solver.result
         z = np.array(result.z_u) - np.array(result.z_l)
         solved = status == piqp.PIQP_SOLVED
-        return QPSolution(np.array(result.x), np.array(result.y), z, solved, int(result.info.iter), self.name)
+        return QPSolution(
+            np.array(result.x), np.array(result.y), z, solved, int(result.info.iter), self.name
+        )

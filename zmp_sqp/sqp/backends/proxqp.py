@@ -16,7 +16,8 @@ __all__ = ["ProxQP"]
 EPS_ACTIVE = 1e-5  # enough to tell which rows are active
 EPS_ABS = 1e-9  # below the SQP's feasibility tolerance, where that is the answer
 GAP = 100.0  # sum of complementarity products, per eps
-EPS_INFEASIBILITY = 1e-12  # the default 1e-4 calls feasible QPs of ours infeasible after 2 iterations
+# the default 1e-4 calls feasible QPs of ours infeasible after 2 iterations
+EPS_INFEASIBILITY = 1e-12
 MAX_ITER = 40  # outer iterations; of 589 QPs in hard problems none was solved after the 30th
 MAX_ITER_IN = 60  # inner iterations; uncapped, one QP ran for 290 s
 NO_BOUND = 1e20  # what ProxQP takes for infinity
@@ -27,10 +28,10 @@ PIVOTS = 2000  # from those that ProxQP has found
 class ProxQP:
     """Dense ProxQP, traps disarmed: own tolerances, both iteration caps, no preconditioner: we scale ourselves.
 
-    The last digits of ProxQP's sums depend on where its memory lies. So it is asked which rows are active, and an
-    active-set method takes it from there: it is exact, and the same program gets the same bits every time. Where the
-    active rows of the last QP are a guess, that method is tried first. A Hessian that is not positive definite leaves
-    it to ProxQP alone.
+    The last digits of ProxQP's sums depend on where its memory lies. So it is asked which rows are
+    active, and an active-set method takes it from there: it is exact, and the same program gets the
+    same bits every time. Where the active rows of the last QP are a guess, that method is tried
+    first. A Hessian that is not positive definite leaves it to ProxQP alone.
     """
 
     name = "proxqp"
@@ -51,7 +52,9 @@ class ProxQP:
         dense = proxsuite.proxqp.dense
         diagonal = np.count_nonzero(H) == np.count_nonzero(H.diagonal())
         kind = dense.HessianType.Diagonal if diagonal else dense.HessianType.Dense
-        solver = dense.QP(qp.size, len(qp.b), len(qp.u), False, kind, dense.DenseBackend.PrimalDualLDLT)
+        solver = dense.QP(
+            qp.size, len(qp.b), len(qp.u), False, kind, dense.DenseBackend.PrimalDualLDLT
+        )
         settings = solver.settings
         eps = EPS_ACTIVE if exactly.is_ready else EPS_ABS
         settings.eps_abs, settings.eps_rel = eps, 0.0
@@ -69,7 +72,10 @@ class ProxQP:
             solver.solve(warm.x, warm.y, warm.z)
         results = solver.results
         x, y, z = (np.array(part) for part in (results.x, results.y, results.z))
-        solved = results.info.status == proxsuite.proxqp.QPSolverOutput.PROXQP_SOLVED and not exactly.is_ready
+        solved = (
+            results.info.status == proxsuite.proxqp.QPSolverOutput.PROXQP_SOLVED
+            and not exactly.is_ready
+        )
         found = QPSolution(x, y, z, solved, int(results.info.iter), self.name)
         exact = exactly.solve(found, most_pivots=PIVOTS)
         if exact is None:

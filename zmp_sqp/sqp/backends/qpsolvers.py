@@ -21,7 +21,8 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "piqp": {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_iter": 100},
     "osqp": {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_iter": 100_000},
     "scs": {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_iters": 100_000},
-    "proxqp": {  # neither its inner cap nor its infeasibility test, which misfires, can be set from here
+    # neither its inner cap nor its infeasibility test, which misfires, can be set from here
+    "proxqp": {
         "eps_abs": 1e-9,
         "eps_rel": 0.0,
         "max_iter": 40,
@@ -30,7 +31,12 @@ SETTINGS: dict[str, dict[str, Any]] = {
     },
 }
 # What those that can stop in time call the limit [s].
-TIME_LIMITS = {"clarabel": "time_limit", "highs": "time_limit", "osqp": "time_limit", "scs": "time_limit_secs"}
+TIME_LIMITS = {
+    "clarabel": "time_limit",
+    "highs": "time_limit",
+    "osqp": "time_limit",
+    "scs": "time_limit_secs",
+}
 
 
 class QPSolvers:
@@ -76,4 +82,11 @@ class QPSolvers:
         z[upper] += answer.z[: int(upper.sum())]
         z[lower] -= answer.z[int(upper.sum()) :]
         iterations = answer.extras.get("iter") or getattr(answer.extras.get("info"), "iter", 0) or 0
-        return QPSolution(np.array(answer.x), np.array(answer.y), z, bool(answer.found), int(iterations), self.name)
+        return QPSolution(
+            np.array(answer.x),
+            np.array(answer.y),
+            z,
+            bool(answer.found),
+            int(iterations),
+            self.name,
+        )

@@ -1,0 +1,1 @@
+"""Rigorous bounds on the ground reaction and its time derivatives."""

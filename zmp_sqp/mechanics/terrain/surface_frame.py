@@ -1,0 +1,96 @@
+"""Tangent frame and curvature of a surface z = h(x, y), as jets: with derivatives by x and y."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from zmp_sqp.arrays import Array
+from zmp_sqp.mechanics.terrain.jet import multiply, reciprocal_root
+
+__all__ = ["SurfaceFrame"]
+
+# Which derivatives (times by x, times by y) of h make the jets of h_x, h_y, h_xx, h_xy, h_yy.
+_ORDERS = np.array([[0, 0], [1, 0], [0, 1], [2, 0], [1, 1], [0, 2]])  # of a jet's six entries
+_FUNCTIONS = np.array([[1, 0], [0, 1], [2, 0], [1, 1], [0, 2]])
+_BY_X, _BY_Y = (_ORDERS[:, None, :] + _FUNCTIONS[None, :, :]).transpose(2, 0, 1)  # (6, 5) each
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SurfaceFrame:
+    r"""Frame E = R_y(pitch) R_x(roll) whose z axis is the normal, at K points of the surface.
+
+    .. math::
+        E = \begin{pmatrix} 1/A & -pr/(AW) & -p/W \\ 0 & A/W & -r/W \\ p/A & r/(AW) & 1/W \end{pmatrix}, \quad
+        p = h_x, \; r = h_y, \; A = \sqrt{1 + p^2}, \; W = \sqrt{1 + p^2 + r^2}
+
+    hence tan(pitch) = -p and tan(roll) = r/A; its x axis stays above the map's x axis. All entries are jets (`jet`).
+
+    Attributes:
+        flat: (E_11, E_12, E_22), how the tangent axes look on the map, shape (6, 3, K).
+        vertical: Third row of E, the vertical seen from the frame, shape (6, 3, K).
+        lean: tan(roll), shape (6, 1, K).
+        hessian: (h_xx, h_xy, h_yy), shape (6, 3, K) [1/m].
+    """
+
+    flat: Array
+    vertical: Array
+    lean: Array
+    hessian: Array
+
+    @classmethod
+    def of_derivatives(cls, derivatives: Array) -> SurfaceFrame:
+        """Frame of a surface whose derivatives up to the fourth are given.
+
+        Args:
+            derivatives: [:, i, j] is i times by x, j times by y, shape (K, 5, 5) [m^(1 - i - j)].
+        """
+        jets = np.ascontiguousarray(derivatives[:, _BY_X, _BY_Y].transpose(1, 2, 0))  # (6, 5, K)
+        gradient = jets[:, :2]
+        norms = np.cumsum(multiply(gradient, gradient), axis=1)
+        norms[0] += 1.0  # A^2, W^2
+        inverse = reciprocal_root(norms)  # 1/A, 1/W
+        # p/A, r/A, A
+        by_a = multiply(np.concatenate([gradient, norms[:, :1]], axis=1), inverse[:, :1])
+        # p/W, r/(AW), A/W
+        by_w = multiply(np.concatenate([gradient[:, :1], by_a[:, 1:]], axis=1), inverse[:, 1:])
+        skew = -multiply(by_a[:, 1], by_w[:, 0])
+        return cls(
+            flat=np.stack([inverse[:, 0], skew, by_w[:, 2]], axis=1),
+            vertical=np.stack([by_a[:, 0], by_w[:, 1], inverse[:, 1]], axis=1),
+            lean=by_a[:, 1:2],
+            hessian=jets[:, 2:],
+        )
+
+    def rotations(self) -> Array:
+        """E itself, from the frame to the map's axes, shape (K, 3, 3)."""
+        e11, e12, e22 = self.flat[0]
+        e31, e32, e33 = self.vertical[0]
+        normal_x, normal_y = -e31 * e22, e31 * e12 - e11 * e32
+        rows = [[e11, e12, normal_x], [np.zeros_like(e11), e22, normal_y], [e31, e32, e33]]
+        return np.ascontiguousarray(np.array(rows).transpose(2, 0, 1))
+
+    def curvature(self) -> Array:
+        r"""How the frame turns on the way along its own axes, shape (6, 5, K) [rad/m].
+
+        With B the upper left of E, a displacement u in the tangent plane shows as B u on the map,
+        and
+
+        .. math::
+            \mathrm{vee}(E^T dE) = (II_{2 \cdot} u, \; -II_{1 \cdot} u, \; \tan(roll) \, II_{1
+            \cdot} u), \quad II = B^T \nabla^2 h B / W
+
+        Returns:
+            (II_11, II_12, II_22, tan(roll) II_11, tan(roll) II_12); II > 0 where the ground is
+            hollow.
+        """
+        half = multiply(self.hessian[:, [0, 0, 1, 1, 2]], self.flat[:, [0, 1, 1, 2, 2]])
+        # Hessian times the second column of B
+        cross = half[:, 1] + half[:, 3], half[:, 2] + half[:, 4]
+        full = multiply(
+            np.stack([half[:, 0], cross[0], *cross], axis=1), self.flat[:, [0, 0, 1, 2]]
+        )
+        full[:, 2] += full[:, 3]
+        second = multiply(full[:, :3], self.vertical[:, 2:])
+        return np.concatenate([second, multiply(second[:, :2], self.lean)], axis=1)

@@ -1,0 +1,192 @@
+"""Reads a URDF's XML: checks what this library relies on, and says in one sentence what is wrong."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from xml.parsers import expat
+
+from zmp_sqp.errors import MachineError
+from zmp_sqp.mechanics.urdf.elements import (
+    Body,
+    Joint,
+    Shape,
+    numbers,
+    read_body,
+    read_joint,
+    read_shape,
+    spell,
+)
+
+__all__ = ["UrdfDescription", "read_description"]
+
+SINGLE_NUMBERS = (
+    "radius",
+    "length",
+    "lower",
+    "upper",
+    "velocity",
+    "effort",
+    *("ixx", "ixy", "ixz", "iyy", "iyz", "izz"),
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UrdfDescription:
+    """What a URDF says, checked.
+
+    Attributes:
+        name: The robot's name.
+        root: Name of the root link.
+        bodies: Links that have mass.
+        joints: All joints, in the order of the file.
+        shapes: Collision shapes of every link.
+        xml: The file again without visual and collision elements, for Pinocchio.
+    """
+
+    name: str
+    root: str
+    bodies: Mapping[str, Body]
+    joints: tuple[Joint, ...]
+    shapes: Mapping[str, tuple[Shape, ...]]
+    xml: str
+
+
+def read_description(content: bytes) -> UrdfDescription:
+    """Checked content of a URDF.
+
+    Raises:
+        MachineError: Anything wrong with it; the message names the line, link or joint, but not the
+            file.
+    """
+    robot = _parse(content)
+    links, joints = robot.findall("link"), robot.findall("joint")
+    if not links:
+        raise MachineError("the robot has no links")
+    for kind, elements in (("link", links), ("joint", joints)):
+        names: set[str] = set()
+        for element in elements:
+            name = element.get("name", "")
+            if not name or name == "universe":
+                raise MachineError(
+                    f"a {kind} is named {name!r}: every {kind} needs a name, and 'universe' is Pinocchio's"
+                )
+            if name in names:
+                raise MachineError(f"{kind} {name!r} is there twice: names must be unique")
+            names.add(name)
+    for element in (*links, *joints):
+        _check_numbers(element)
+    chain = tuple(read_joint(element) for element in joints)
+    root = _root([link.attrib["name"] for link in links], chain)
+    bodies = {
+        link.attrib["name"]: read_body(link) for link in links if link.find("inertial") is not None
+    }
+    _check_moving_mass(bodies, chain)
+    shapes = {
+        link.attrib["name"]: tuple(map(read_shape, link.findall("collision/geometry/..")))
+        for link in links
+    }
+    return UrdfDescription(robot.attrib["name"], root, bodies, chain, shapes, _for_pinocchio(robot))
+
+
+def _parse(content: bytes) -> ET.Element:
+    if not content.strip():
+        raise MachineError("the file is empty")
+    guard = expat.ParserCreate()
+
+    def refuse(*_: object) -> None:
+        raise MachineError(
+            f"line {guard.CurrentLineNumber}: DOCTYPE and ENTITY declarations are refused"
+        )
+
+    guard.StartDoctypeDeclHandler = guard.EntityDeclHandler = refuse
+    try:
+        guard.Parse(content, True)
+        robot = ET.fromstring(content)
+    except (expat.ExpatError, ET.ParseError) as fault:
+        # the text names line and column
+        raise MachineError(f"not well-formed XML: {fault}") from None
+    except (LookupError, ValueError) as fault:
+        raise MachineError(f"not XML that can be read: {fault}") from None
+    if robot.tag != "robot":
+        raise MachineError(f"not a URDF: its root element is <{robot.tag}>, not <robot>")
+    for element in robot.iter():
+        if "xacro" in element.tag:
+            raise MachineError(
+                f"<{element.tag.split('}')[-1]}> is xacro: expand the file with the xacro tool first"
+            )
+    if not robot.get("name"):
+        raise MachineError("<robot> has no name")
+    return robot
+
+
+def _check_numbers(element: ET.Element) -> None:
+    """NaN, infinity and text are refused wherever numbers stand; visuals are not ours to judge."""
+    for child in element:
+        for part in child.iter() if child.tag != "visual" else ():
+            for attribute, count in (
+                ("xyz", 3),
+                ("rpy", 3),
+                ("size", 3),
+                *((key, 1) for key in SINGLE_NUMBERS),
+            ):
+                if attribute in part.attrib:
+                    numbers(part, attribute, count, spell(element))
+
+
+def _root(links: list[str], joints: Iterable[Joint]) -> str:
+    """Name of the one link from which all others hang."""
+    parents: dict[str, str] = {}
+    for joint in joints:
+        for link in (joint.parent, joint.child):
+            if link not in links:
+                raise MachineError(f"joint {joint.name!r} names link {link!r}, which is not there")
+        if joint.child in parents:
+            raise MachineError(
+                f"link {joint.child!r} has two parents, {parents[joint.child]!r} and {joint.parent!r}"
+            )
+        parents[joint.child] = joint.parent
+    roots = [link for link in links if link not in parents]
+    if len(roots) > 1:
+        raise MachineError(f"there are several root links: {', '.join(map(repr, roots))}")
+    for link in links:
+        seen, at = {link}, link
+        while at in parents:
+            at = parents[at]
+            if at in seen:
+                raise MachineError(f"link {link!r} hangs on a loop of joints")
+            seen.add(at)
+    return roots[0]
+
+
+def _check_moving_mass(bodies: Mapping[str, Body], joints: Iterable[Joint]) -> None:
+    """What moves must have mass: a forgotten <inertial> would make an unsafe motion look safe."""
+    carrier = {joint.child: joint.parent for joint in joints if joint.kind == "fixed"}
+    heavy = set()
+    for link in bodies:
+        while link in carrier:
+            link = carrier[link]
+        heavy.add(link)
+    for joint in joints:
+        if joint.kind != "fixed" and joint.child not in heavy:
+            raise MachineError(
+                f"link {joint.child!r} moves with joint {joint.name!r} but has no mass: give it an <inertial>"
+            )
+
+
+def _for_pinocchio(robot: ET.Element) -> str:
+    """Links without shapes (meshes are never opened), joints with the limits that its parser insists on."""
+    copy = ET.Element("robot", {"name": robot.attrib["name"]})
+    for element in robot:
+        if element.tag == "link":
+            link = ET.SubElement(copy, "link", element.attrib)
+            link.extend(child for child in element if child.tag == "inertial")
+        elif element.tag == "joint":
+            joint = ET.SubElement(copy, "joint", element.attrib)
+            joint.extend(child for child in element if child.tag != "limit")
+            if element.get("type") in ("revolute", "prismatic"):
+                ET.SubElement(
+                    joint, "limit", {"lower": "0", "upper": "0", "velocity": "0", "effort": "0"}
+                )
+    return ET.tostring(copy, encoding="unicode")

@@ -1,0 +1,201 @@
+"""Reads the elements of a URDF one by one: the mass of a link, a joint, a collision shape."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+from math import isfinite, nan
+
+import numpy as np
+import pinocchio as pin
+
+from zmp_sqp.arrays import Array
+from zmp_sqp.errors import MachineError
+from zmp_sqp.mechanics.inertia import checked_inertia
+
+__all__ = [
+    "MOVABLE",
+    "Body",
+    "Joint",
+    "Shape",
+    "numbers",
+    "read_body",
+    "read_joint",
+    "read_shape",
+    "spell",
+]
+
+MOVABLE = ("revolute", "continuous", "prismatic")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Body:
+    """Mass of one link.
+
+    Attributes:
+        mass: Mass [kg].
+        com: Centre of mass, link frame, shape (3,) [m].
+        inertia: Rotational inertia about the centre of mass, link axes, shape (3, 3) [kg m^2].
+    """
+
+    mass: float
+    com: Array
+    inertia: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Joint:
+    """One joint element; limits that the file does not give are NaN [rad or m, s, N m or N]."""
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    lower: float
+    upper: float
+    velocity: float
+    effort: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Shape:
+    """One collision shape.
+
+    Attributes:
+        kind: 'box', 'cylinder', 'sphere' or 'mesh' (which is any other).
+        dimensions: Edges of a box, radius and length of a cylinder, radius of a sphere [m].
+        rotation: Its axes in the link frame, shape (3, 3).
+        translation: Its centre in the link frame, shape (3,) [m].
+    """
+
+    kind: str
+    dimensions: tuple[float, ...]
+    rotation: Array
+    translation: Array
+
+
+def numbers(element: ET.Element, attribute: str, count: int, where: str) -> tuple[float, ...]:
+    """`count` finite numbers of an attribute."""
+    text = element.get(attribute)
+    spelled = f"{where}: <{element.tag} {attribute}>"
+    if text is None:
+        raise MachineError(f"{spelled} is missing")
+    try:
+        # Python alone reads 1_000
+        found = tuple(float(word) for word in text.replace("_", "?").split())
+    except ValueError:
+        found = ()
+    if len(found) != count:
+        raise MachineError(
+            f"{spelled} must be {'a number' if count == 1 else f'{count} numbers'}, not {text!r}"
+        )
+    if not all(map(isfinite, found)):
+        raise MachineError(f"{spelled} must be finite, not {text!r}")
+    return found
+
+
+def spell(element: ET.Element) -> str:
+    """What messages call an element: its tag and name."""
+    return f"{element.tag} {element.get('name')!r}"
+
+
+def read_joint(element: ET.Element) -> Joint:
+    """A joint that this library supports.
+
+    Raises:
+        MachineError: Other type, <mimic>, no parent or child, zero axis, or impossible limits; the
+            message names the joint.
+    """
+    where, kind = spell(element), element.get("type", "")
+    if kind not in (*MOVABLE, "fixed"):
+        raise MachineError(
+            f"{where} has type {kind!r}; supported are {', '.join(MOVABLE)} and fixed"
+        )
+    if element.find("mimic") is not None:
+        raise MachineError(f"{where} mimics another joint: <mimic> is not supported")
+    ends = []
+    for tag in ("parent", "child"):
+        end = element.find(tag)
+        if end is None or not end.get("link"):
+            raise MachineError(f"{where} has no <{tag} link>")
+        ends.append(end.attrib["link"])
+    axis = element.find("axis")
+    if kind != "fixed" and axis is not None and not any(numbers(axis, "xyz", 3, where)):
+        raise MachineError(f"{where}: its axis is zero")
+    lower = upper = velocity = effort = nan
+    limit = element.find("limit")
+    if limit is not None and kind != "fixed":
+        given = {
+            key: numbers(limit, key, 1, where)[0]
+            for key in ("lower", "upper", "velocity", "effort")
+            if key in limit.attrib
+        }
+        for key in ("velocity", "effort"):
+            if given.get(key, 0.0) < 0.0:
+                raise MachineError(f"{where}: {key} limit must not be negative, not {given[key]}")
+        # 0 is how URDF writes 'not known'
+        velocity, effort = (given.get(key) or nan for key in ("velocity", "effort"))
+        # the one left out is 0, says the URDF specification
+        if "lower" in given or "upper" in given:
+            lower, upper = given.get("lower", 0.0), given.get("upper", 0.0)
+    if kind == "continuous":
+        lower, upper = -np.inf, np.inf
+    if lower > upper:
+        raise MachineError(
+            f"{where}: lower position limit {lower} is above upper position limit {upper}"
+        )
+    return Joint(element.attrib["name"], kind, ends[0], ends[1], lower, upper, velocity, effort)
+
+
+def read_body(link: ET.Element) -> Body:
+    """Mass of a link that has an <inertial>.
+
+    Raises:
+        MachineError: Mass missing or not positive, inertia missing or one that no body has; the
+            message names the link.
+    """
+    where, inertial = spell(link), link.find("inertial")
+    parts = {} if inertial is None else {child.tag: child for child in inertial}
+    if "mass" not in parts:
+        raise MachineError(f"{where}: its <inertial> has no <mass>")
+    mass = numbers(parts["mass"], "value", 1, where)[0]
+    if mass <= 0.0:
+        raise MachineError(f"{where}: mass must be positive, not {mass} kg")
+    if "inertia" not in parts:
+        raise MachineError(f"{where}: its <inertial> has no <inertia>")
+    xx, xy, xz, yy, yz, zz = (
+        numbers(parts["inertia"], key, 1, where)[0]
+        for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+    )
+    own_axes = checked_inertia([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], name=f"{where}: inertia")
+    rotation, translation = _origin(parts.get("origin"), where)
+    return Body(mass, translation, rotation @ own_axes @ rotation.T)
+
+
+def read_shape(collision: ET.Element) -> Shape:
+    """Shape of a <collision> element."""
+    rotation, translation = _origin(collision.find("origin"), "collision")
+    geometry = collision.find("geometry")
+    for solid in () if geometry is None else geometry:
+        if solid.tag == "box":
+            return Shape("box", numbers(solid, "size", 3, "collision"), rotation, translation)
+        if solid.tag == "cylinder":
+            size = (
+                *numbers(solid, "radius", 1, "collision"),
+                *numbers(solid, "length", 1, "collision"),
+            )
+            return Shape("cylinder", size, rotation, translation)
+        if solid.tag == "sphere":
+            return Shape("sphere", numbers(solid, "radius", 1, "collision"), rotation, translation)
+    return Shape("mesh", (), rotation, translation)
+
+
+def _origin(origin: ET.Element | None, where: str) -> tuple[Array, Array]:
+    """Rotation and translation; what is left out is zero."""
+    values = {
+        key: (0.0, 0.0, 0.0)
+        if origin is None or key not in origin.attrib
+        else numbers(origin, key, 3, where)
+        for key in ("rpy", "xyz")
+    }
+    return np.asarray(pin.rpy.rpyToMatrix(np.array(values["rpy"]))), np.array(values["xyz"])

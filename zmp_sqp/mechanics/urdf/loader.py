@@ -1,0 +1,206 @@
+"""Loads a machine: a URDF, its joint limits, its support polygon."""
+
+from __future__ import annotations
+
+import os
+import sys
+import tempfile
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+import pinocchio as pin
+
+from zmp_sqp.arrays import shortened
+from zmp_sqp.errors import MachineError
+from zmp_sqp.mechanics.limits import JointLimits
+from zmp_sqp.mechanics.machine import Machine
+from zmp_sqp.mechanics.support import SupportPolygon
+from zmp_sqp.mechanics.urdf.description import UrdfDescription, read_description
+from zmp_sqp.mechanics.urdf.elements import MOVABLE
+from zmp_sqp.mechanics.urdf.footprint import footprint, footprint_of_links
+from zmp_sqp.mechanics.urdf.limits_yaml import read_joint_limits
+
+__all__ = ["load_machine", "shipped_machines"]
+
+STDERR = 2
+_stderr_is_ours = threading.Lock()
+
+
+def load_machine(
+    source: str | os.PathLike[str],
+    *,
+    support: SupportPolygon | str | Sequence[str] | None = None,
+    limits: str | os.PathLike[str] | Mapping[str, Any] | None = None,
+) -> Machine:
+    """Machine of a URDF on a free-flyer root.
+
+    The planned joints are the revolute, continuous and prismatic ones, in the order of the file. A
+    limit that is given nowhere is NaN, which is no error here.
+
+    Args:
+        source: Name of a shipped machine, or path of a URDF. Meshes are never opened.
+        support: Support polygon in the root frame; or names of the contact links, whose collision
+            shapes' lowest points span it; or None for the lowest points of everything fixed to the
+            root link, and no support where these span no polygon.
+        limits: Path of a joint_limits.yaml as MoveIt writes it, which takes the place of the one
+            beside the URDF; or a mapping such as {"acceleration": 0.4} or {"velocity": {"slew":
+            0.8}}, which goes on top of that one. The one beside the URDF is
+            `<stem>.joint_limits.yaml`, else `joint_limits.yaml`; what the URDF gives holds where
+            these are silent.
+
+    Raises:
+        MachineError: Anything wrong with the file, the limits or the support; the message names the
+            file, and the link, joint or key.
+    """
+    path = _locate(source)
+    try:
+        content = path.read_bytes()
+    except OSError as cause:
+        raise MachineError(f"cannot read {path}: {cause.strerror or cause}") from None
+    try:
+        description = read_description(content)
+        model = _build(description)
+        polygon = _support(support, description, model)
+    except MachineError as fault:
+        raise MachineError(f"{path}: {fault}") from None
+    movable = [joint for joint in description.joints if joint.kind in MOVABLE]
+    if not movable:
+        raise MachineError(f"{path}: no movable joint: there is nothing to plan")
+    names = tuple(joint.name for joint in movable)
+    found = [model.joints[model.getJointId(name)] for name in names]
+    return Machine(
+        name=description.name,
+        model=model,
+        joint_names=names,
+        limits=_limits(limits, path, names, _urdf_limits(movable)),
+        support=polygon,
+        index_q=np.array([joint.idx_q for joint in found], dtype=np.intp),
+        index_v=np.array([joint.idx_v for joint in found], dtype=np.intp),
+        continuous=tuple(joint.kind == "continuous" for joint in movable),
+    )
+
+
+def shipped_machines() -> dict[str, Path]:
+    """Names and files of the machines that come with this library."""
+    package = Path(__file__).resolve().parents[2]
+    folders = (package / "urdf", package.parent / "urdf")  # of a wheel, of a source checkout
+    folder = next((folder for folder in folders if folder.is_dir()), folders[0])
+    return {path.stem: path for path in sorted(folder.glob("*.urdf"))}
+
+
+def _locate(source: str | os.PathLike[str]) -> Path:
+    if not isinstance(source, str | os.PathLike) or not os.fspath(source):
+        raise MachineError(
+            f"source must be the name of a machine or the path of a URDF, not {shortened(source)}"
+        )
+    shipped = shipped_machines()
+    if isinstance(source, str) and source in shipped:
+        return shipped[source]
+    try:
+        path = Path(source).expanduser()
+        if path.is_file():
+            return path
+        if path.is_dir():
+            raise MachineError(f"{path} is a folder, not a URDF")
+    # a NUL byte, a name too long, no home, bytes
+    except (ValueError, OSError, RuntimeError, TypeError) as cause:
+        raise MachineError(f"{source!r} is not a path that can be read: {cause}") from None
+    if isinstance(source, str) and path.name == source and not path.suffix:
+        raise MachineError(
+            f"there is no machine {source!r}; machines are {', '.join(shipped)}, or give the path of a URDF"
+        )
+    raise MachineError(f"there is no file {path}")
+
+
+def _build(description: UrdfDescription) -> Any:
+    """Pinocchio model, gravity zero, with every link's inertia also in the link's own frame."""
+    taken = {joint.name for joint in description.joints}
+    root = next(
+        name for name in ("root_joint", "free_flyer", "free_flyer_root_joint") if name not in taken
+    )
+    # a bad URDF makes Pinocchio raise a bare ValueError while the cause goes to the standard error
+    # of C++
+    with _captured_stderr() as log:
+        try:
+            model, fault = (
+                pin.buildModelFromXML(description.xml, pin.JointModelFreeFlyer(), root),
+                None,
+            )
+        except (ValueError, RuntimeError, IndexError) as cause:
+            model, fault = None, cause
+        log.seek(0)
+        complaints = log.read().decode(errors="replace").splitlines()
+    if fault is not None:
+        causes = [
+            line.removeprefix("Error:").strip()
+            for line in complaints
+            if not line.strip().startswith("at line")
+        ]
+        raise MachineError(
+            f"Pinocchio cannot read this URDF: {'; '.join(filter(None, causes)) or fault}"
+        )
+    model.gravity = pin.Motion.Zero()
+    # Pinocchio keeps the inertia of some links in the frame of the fixed joint above them
+    for frame in model.frames:
+        body = description.bodies.get(frame.name) if frame.type == pin.FrameType.BODY else None
+        frame.inertia = (
+            pin.Inertia.Zero() if body is None else pin.Inertia(body.mass, body.com, body.inertia)
+        )
+    return model
+
+
+@contextmanager
+def _captured_stderr() -> Iterator[IO[bytes]]:
+    """Sends file descriptor 2, to which C++ writes, into a temporary file."""
+    with _stderr_is_ours, tempfile.TemporaryFile() as log:
+        try:
+            saved = os.dup(STDERR)
+        except OSError:  # closed: nothing to keep quiet
+            yield log
+            return
+        try:
+            if sys.stderr is not None:
+                sys.stderr.flush()
+            os.dup2(log.fileno(), STDERR)
+            yield log
+        finally:
+            os.dup2(saved, STDERR)
+            os.close(saved)
+
+
+def _support(
+    support: SupportPolygon | str | Sequence[str] | None, description: UrdfDescription, model: Any
+) -> SupportPolygon | None:
+    if support is None:
+        return footprint(description, model)
+    if isinstance(support, SupportPolygon):
+        return support
+    links = [support] if isinstance(support, str) else support
+    if not isinstance(links, Sequence) or not all(isinstance(link, str) for link in links):
+        raise MachineError(
+            f"support must be a SupportPolygon or names of contact links, not {shortened(support)}"
+        )
+    return footprint_of_links(description, model, links)
+
+
+def _urdf_limits(movable: Sequence[Any]) -> JointLimits:
+    return JointLimits(
+        position_lower=np.array([joint.lower for joint in movable]),
+        position_upper=np.array([joint.upper for joint in movable]),
+        velocity=np.array([joint.velocity for joint in movable]),
+        acceleration=np.full(len(movable), np.nan),  # URDF has no word for it
+        effort=np.array([joint.effort for joint in movable]),
+    )
+
+
+def _limits(limits: Any, path: Path, names: tuple[str, ...], urdf: JointLimits) -> JointLimits:
+    if isinstance(limits, str | os.PathLike):
+        return read_joint_limits(Path(limits), urdf, names)
+    beside = (path.with_name(f"{path.stem}.joint_limits.yaml"), path.with_name("joint_limits.yaml"))
+    found = next((candidate for candidate in beside if candidate.is_file()), None)
+    known = urdf if found is None else read_joint_limits(found, urdf, names)
+    return known if limits is None else known.updated(limits, names)

@@ -1,0 +1,7 @@
+"""Motions of arm and base as functions of time, and their files."""
+
+from zmp_sqp.motion.root_motion import trajectory_zmp
+from zmp_sqp.motion.trajectory import Trajectory
+from zmp_sqp.motion.unicycle_motion import UnicycleMotion
+
+__all__ = ["Trajectory", "UnicycleMotion", "trajectory_zmp"]

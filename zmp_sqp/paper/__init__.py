@@ -1,0 +1,1 @@
+"""Song & Sharf 2020 beside our results."""

@@ -1,0 +1,167 @@
+"""Figures 3, 4, 5 and 6 of Song & Sharf 2020 from our own motions: same axes, same colours, limits dashed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from zmp_sqp.arrays import Array
+from zmp_sqp.errors import ProblemError
+from zmp_sqp.paper.runs import BASE, Motions
+from zmp_sqp.planning import Trajectory
+from zmp_sqp.planning.closed_forms.base_bound import moving_base_zmp
+from zmp_sqp.planning.closed_forms.base_motion import BaseMotion
+from zmp_sqp.show.plots import draw_loci, new_figure, planner_colours, plot_zmp, sample_times, save
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = ["FIGURES", "draw_figures"]
+
+FIGURES = ("figure_3.png", "figure_4.png", "figure_5.png", "figure_6.png")
+WINDOW = 3.0  # [m] of figs. 3 and 5
+ROOM = 0.25  # of the joint limits' range, above and below
+STYLES: dict[str, dict[str, Any]] = {  # so that none hides another
+    "phase plane": {"linewidth": 4.5, "alpha": 0.55},
+    "full model": {"linewidth": 2.6},
+    "simplified": {"linewidth": 1.2},
+}
+SEEN = 0.5  # [rad] a position limit within this of the motion is drawn
+
+
+def draw_figures(test_1: Motions, test_2: Motions, folder: Path) -> Iterator[Path]:
+    """Write the figures one by one; yields each file."""
+    plot_zmp(test_1.problem, test_1.arms, folder / FIGURES[0], window=WINDOW, measured="simplified")
+    yield folder / FIGURES[0]
+    _draw_joints(test_1, folder / FIGURES[1])
+    yield folder / FIGURES[1]
+    _draw_moving_loci(test_2, folder / FIGURES[2])
+    yield folder / FIGURES[2]
+    _draw_accelerations(test_2, folder / FIGURES[3])
+    yield folder / FIGURES[3]
+
+
+def _draw_joints(motions: Motions, path: Path) -> None:
+    """Fig. 4: a column each for accelerations (a), rates (b) and angles (c), a row for each joint."""
+    machine = motions.problem.machine
+    limits = machine.limits
+    columns = (
+        ("(a) joint accelerations [rad/s²]", 2, -limits.acceleration, limits.acceleration),
+        ("(b) joint velocities [rad/s]", 1, -limits.velocity, limits.velocity),
+        ("(c) joint angles [rad]", 0, limits.position_lower, limits.position_upper),
+    )
+    figure = new_figure(width=10.0, height=8.4)
+    grid = figure.subplots(machine.size, 3, sharex=True)
+    for column, (title, quantity, lower, upper) in enumerate(columns):
+        grid[0, column].set_title(title)
+        grid[-1, column].set_xlabel("time [s]")
+        for joint in range(machine.size):
+            axes = grid[joint, column]
+            _overlay(axes, motions, quantity=quantity, joint=joint)
+            _dash(axes, float(lower[joint]), float(upper[joint]), everything=quantity > 0)
+    _name_rows(grid[:, 0], [f"$q_{i + 1}$ {name}" for i, name in enumerate(machine.joint_names)])
+    _legend(figure, grid[0, 0])
+    save(figure, path)
+
+
+def _draw_accelerations(motions: Motions, path: Path) -> None:
+    """Fig. 6: accelerations of base and joints, the base's between its own limit and the bound of eq. (21)."""
+    machine = motions.problem.machine
+    figure = new_figure(width=7.0, height=8.4)
+    rows = figure.subplots(machine.size + 1, 1, sharex=True)
+    colours = planner_colours(motions.bases)
+    lasts = max(motions.arms[name].duration for name in motions.bases)
+    for name, base in motions.bases.items():
+        path_of = base.trajectory if isinstance(base, BaseMotion) else base
+        times, pushes = _broken(path_of, sample_times(path_of), 2, 0)
+        if path_of.duration < lasts:  # there, it stands
+            times, pushes = np.append(times, [times[-1], lasts]), np.append(pushes, [0.0, 0.0])
+        rows[0].plot(times, pushes, color=colours[name], label=name, **STYLES[name])
+        if isinstance(base, BaseMotion):
+            for bound in (base.lower, base.upper):
+                if abs(bound) < 1.2 * BASE["max_acceleration"]:
+                    rows[0].axhline(
+                        bound, color=colours[name], linestyle=":", label="bound, eq. (21)"
+                    )
+    _dash(rows[0], -BASE["max_acceleration"], BASE["max_acceleration"], everything=True)
+    limit = machine.limits.acceleration
+    shown = Motions(motions.problem, {name: motions.arms[name] for name in motions.bases}, {})
+    for joint in range(machine.size):
+        _overlay(rows[joint + 1], shown, quantity=2, joint=joint)
+        _dash(rows[joint + 1], -float(limit[joint]), float(limit[joint]), everything=True)
+    _name_rows(
+        rows,
+        [
+            "base [m/s²]",
+            *(f"$q_{i + 1}$ {name}\n[rad/s²]" for i, name in enumerate(machine.joint_names)),
+        ],
+    )
+    rows[-1].set_xlabel("time [s]")
+    _legend(figure, *rows)
+    save(figure, path)
+
+
+def _draw_moving_loci(motions: Motions, path: Path) -> None:
+    """Fig. 5: ZMP loci of arm and base moving together, from the complete wrench."""
+    problem = motions.problem
+    if problem.machine.support is None:
+        raise ProblemError(f"machine {problem.machine.name!r} has no support polygon to draw")
+    loci = {}
+    for name, base in motions.bases.items():
+        arm = motions.arms[name]
+        points = moving_base_zmp(problem.machine, arm, base, problem.ground)[1]
+        pieces = len(arm.times if base is None else np.union1d(arm.times, base.times)) - 1
+        loci[name] = list(points.reshape(pieces, -1, 2))
+    figure = new_figure(width=5.4, height=6.0)
+    draw_loci(figure, problem.machine.support, problem.gravity_at("start"), loci, window=WINDOW)
+    save(figure, path)
+
+
+def _overlay(axes: Axes, motions: Motions, *, quantity: int, joint: int) -> None:
+    """One joint's angle (0), rate (1) or acceleration (2) by every planner; those drawn last are thinner."""
+    colours = planner_colours(motions.arms)
+    for name, trajectory in motions.arms.items():
+        values = _broken(trajectory, sample_times(trajectory), quantity, joint)
+        axes.plot(*values, color=colours[name], label=name, **STYLES[name])
+
+
+def _broken(
+    trajectory: Trajectory, pieces: list[Array], quantity: int, column: int
+) -> tuple[Array, Array]:
+    times = np.concatenate(pieces)
+    return times, trajectory(times)[quantity][:, column]
+
+
+def _dash(axes: Axes, lower: float, upper: float, *, everything: bool) -> None:
+    """Dash the limits; far position limits are left out, and a joint that stands still gets no magnified noise."""
+    low, high = axes.get_ylim()
+    for limit in (lower, upper):
+        if everything or low - SEEN < limit < high + SEEN:
+            axes.axhline(limit, color="black", linestyle="--", linewidth=1.0, label="constraints")
+    if everything:
+        room = ROOM * upper
+        axes.set_ylim(lower - room, upper + room)
+    elif high - low < SEEN:
+        axes.set_ylim(0.5 * (low + high) - 0.5 * SEEN, 0.5 * (low + high) + 0.5 * SEEN)
+    axes.margins(x=0.0)
+    axes.grid(alpha=0.3)
+
+
+def _legend(figure: Figure, *rows: Axes) -> None:
+    """Above the figure, what any of the rows names, each once."""
+    entries: dict[Any, Any] = {}
+    for axes in rows:
+        for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
+            entries.setdefault(label, handle)
+    figure.legend(
+        list(entries.values()), list(entries), loc="outside upper center", ncols=len(entries)
+    )
+
+
+def _name_rows(axes: Array, names: list[str]) -> None:
+    for row, name in zip(axes, names, strict=True):
+        row.set_ylabel(name)

@@ -1,0 +1,96 @@
+"""The ladder that the paper lacks: payload and reach raised until the ZMP costs time, then until nothing is found."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from zmp_sqp.arrays import Array
+from zmp_sqp.errors import ProblemError
+from zmp_sqp.mechanics import Machine, Payload, Slope, load_machine
+from zmp_sqp.paper.runs import MODELS, time_plan
+from zmp_sqp.planning import Problem
+
+__all__ = ["RUNGS", "ladder"]
+
+BOOMS = (-10.0, -30.0, -50.0)  # [deg] of the boom at start and goal: the reach
+PAYLOADS = (2000.0, 3000.0, 4000.0, 5000.0, 6000.0, 8000.0, 10000.0, 12000.0, 16000.0)  # [kg]
+RUNGS = tuple((payload, boom) for payload in PAYLOADS for boom in BOOMS)
+STEM = np.array([0.0, 0.0, 3.323])  # [m] centre of the tree in the head's frame
+ATTITUDE = -2.0 * np.pi / 3  # of the head, as in eq. (22)
+ROLL = np.deg2rad(-20.0)  # as in test 1
+# ProxQP ends at its iteration limit on one rung (5 t, -50 deg, simplified) and is 0.6 % faster on
+# another (5 t, -10).
+QP_SOLVER = "piqp"
+
+
+def ladder(
+    rungs: tuple[tuple[float, float], ...] = RUNGS, *, repeats: int = 1
+) -> Iterator[dict[str, Any]]:
+    """Plan every rung with both models: half a turn of test 1 with other payloads [kg] and boom angles [deg].
+
+    Yields:
+        One object per rung and model, ready for JSON, with payload, boom, reach [m] of the head
+        from the slew axis; a rung whose problem is refused has `status` "refused" and the reason in
+        `message`.
+    """
+    for payload, boom in rungs:
+        machine, start = rung_machine(payload), rung_pose(boom)
+        where = {"payload": payload, "boom_deg": boom, "reach": reach(machine, start)}
+        for model in MODELS:
+            try:
+                problem = replace(rung_problem(machine, start), model=model)
+            except ProblemError as refused:
+                nothing = dict.fromkeys(
+                    ("duration", "lower_bound", "margin", "iterations", "time", "time_in_F", "F")
+                )
+                yield (
+                    where
+                    | {
+                        "model": model,
+                        "success": False,
+                        "status": "refused",
+                        "message": str(refused),
+                    }
+                    | nothing
+                )
+                continue
+            yield (
+                where
+                | {"model": model}
+                | time_plan(problem, qp_solver=QP_SOLVER, repeats=repeats)[1]
+            )
+
+
+def rung_machine(payload: float) -> Machine:
+    """The feller-buncher as in test 1, point masses, with a tree of that mass [kg]."""
+    return (
+        load_machine("feller_buncher")
+        .with_payload(Payload(payload, STEM, "head"))
+        .with_point_masses()
+    )
+
+
+def rung_pose(boom: float) -> Array:
+    """Pose of the form (7) with the boom at that angle [deg], arm over the front."""
+    angle = float(np.deg2rad(boom))
+    return np.array([0.0, angle, -np.pi - 2.0 * angle, ATTITUDE + np.pi + angle, -np.pi / 2])
+
+
+def rung_problem(machine: Machine, start: Array) -> Problem:
+    """Half a turn with all else as at the start, 20 degrees of roll to the left."""
+    return Problem(
+        machine, start, start + np.array([np.pi, 0.0, 0.0, 0.0, 0.0]), ground=Slope(roll=ROLL)
+    )
+
+
+def reach(machine: Machine, q: Array) -> float:
+    """Horizontal distance of the head from the slew axis [m]."""
+    data = machine.model.createData()
+    pin.forwardKinematics(machine.model, data, machine.configuration(q[None])[0])
+    head, slew = (data.oMi[machine.model.getJointId(name)].translation for name in ("head", "slew"))
+    return float(np.linalg.norm((head - slew)[:2]))

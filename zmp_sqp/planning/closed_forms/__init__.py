@@ -1,0 +1,1 @@
+"""Baselines, bounds and motions that need no search."""

@@ -1,0 +1,1 @@
+"""What is asked: the planning problem and its parts."""

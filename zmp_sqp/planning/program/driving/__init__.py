@@ -1,0 +1,1 @@
+"""What a driving base adds to the nonlinear program."""

@@ -1,0 +1,1 @@
+"""Proof that a motion keeps its limits at all times."""

@@ -1,0 +1,29 @@
+"""Whether a motion begins and ends in the states that a problem asks for."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from zmp_sqp.motion.trajectory import Trajectory
+from zmp_sqp.planning.problem.problem import Problem
+from zmp_sqp.planning.proof.base_check import ARRIVAL as BASE_ARRIVAL
+
+__all__ = ["ARRIVAL", "meets_boundary_states"]
+
+# [rad or m, and per second, relative above one] largest miss of a boundary state that counts as met
+ARRIVAL = 1e-6
+
+
+def meets_boundary_states(problem: Problem, trajectory: Trajectory) -> bool:
+    """Whether the joints, and the base if there is one, start and end in the problem's states."""
+    for asked, found in (
+        ((problem.start, problem.goal), trajectory.positions),
+        ((problem.start_velocity, problem.goal_velocity), trajectory.velocities),
+    ):
+        if not (np.abs(found[[0, -1]] - asked) <= ARRIVAL * (1.0 + np.abs(asked))).all():
+            return False
+    base = problem.base
+    if base is None or trajectory.base is None:
+        return base is None and trajectory.base is None
+    off = np.abs(trajectory.base.poses[[0, -1]] - np.vstack([base.start, base.goal]))
+    return bool((off <= BASE_ARRIVAL).all())

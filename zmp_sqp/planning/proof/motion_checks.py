@@ -1,0 +1,83 @@
+"""What a motion has to be before anything can be proven of it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from zmp_sqp.errors import MachineError, ProblemError, TrajectoryError
+from zmp_sqp.mechanics.bounds.wrench_bounds import WrenchBound
+from zmp_sqp.mechanics.ground import Ground
+from zmp_sqp.mechanics.machine import Machine
+from zmp_sqp.motion.trajectory import Trajectory
+
+__all__ = ["check_arguments", "check_drift", "reason_of_doubt"]
+
+# [rad/s or m/s, rad or m] that the nodes may add up to beside what the accelerations give
+DRIFT = 1e-6
+OPERATIONS = 100.0  # roundings of one unit that add up from node to node, and to spare
+EPSILON = float(np.finfo(float).eps)
+
+
+def check_arguments(machine: Machine, trajectory: Trajectory, ground: Ground) -> None:
+    """Refuse what is no machine, trajectory or ground, and joints that are not the machine's."""
+    if not isinstance(machine, Machine):
+        raise MachineError(
+            f"machine must be a Machine (see load_machine), not {type(machine).__name__}"
+        )
+    if not isinstance(trajectory, Trajectory):
+        raise TrajectoryError(f"trajectory must be a Trajectory, not {type(trajectory).__name__}")
+    if not isinstance(ground, Ground):
+        raise ProblemError(f"ground must have a gravity(yaw) as Slope has, not {ground!r}")
+    if machine.support is None:
+        raise MachineError(
+            f"machine {machine.name!r} has no support polygon: give support= to load_machine"
+        )
+    if trajectory.joint_names != machine.joint_names:
+        raise ProblemError(
+            f"the trajectory moves {trajectory.joint_names}, the machine has {machine.joint_names}"
+        )
+
+
+def check_drift(trajectory: Trajectory) -> None:
+    """Refuse nodes that drift away from what the accelerations produce."""
+    # a rate that creeps up by less than `Trajectory` notices, from each of many nodes to the next,
+    # is an acceleration
+    q, v, _ = trajectory.state_in(np.arange(trajectory.intervals), np.diff(trajectory.times))
+    followed = [("velocities", trajectory.velocities, v), ("positions", trajectory.positions, q)]
+    if (base := trajectory.base) is not None:
+        pose, velocity, _ = base.state_in(np.arange(trajectory.intervals), np.diff(base.times))
+        followed += [
+            ("base velocities", base.velocities, velocity),
+            ("base poses", base.poses, pose),
+        ]
+    for name, values, reached in followed:
+        gaps = values[1:] - reached
+        with np.errstate(all="ignore"):
+            drift = float(
+                np.ptp(np.vstack([np.zeros_like(gaps[:1]), np.cumsum(gaps, axis=0)]), axis=0).max()
+            )
+            allowed = DRIFT + OPERATIONS * EPSILON * float(np.abs(values).sum(axis=0).max())
+        if not drift <= allowed:
+            raise TrajectoryError(
+                f"{name} drift by {drift:.3g} away from what the accelerations produce"
+            )
+
+
+def reason_of_doubt(trajectory: Trajectory, rounding: WrenchBound, *, exhausted: bool) -> str:
+    """Why nothing can be proven of the margin between samples that have one, in words.
+
+    Args:
+        trajectory: The motion.
+        rounding: How far the wrench may be from what is computed in each interval, shape (N,).
+        exhausted: Whether more samples would have been looked at than there is time for.
+    """
+    vague = ~(np.isfinite(rounding.force) & np.isfinite(rounding.moment))
+    if vague.any():
+        when = float(trajectory.times[int(np.argmax(vague))])
+        base = trajectory.base
+        if base is not None and not base.ground.uniform:
+            return f"from {when:.2f} s on it is not known to 1 mm where the base drives; give more nodes, or less turn"
+        return f"from {when:.2f} s on the bounds overflow; the motion is too fast, or its machine too large"
+    if exhausted:
+        return "the motion is so fast, or so long, that bounds between its samples stay too loose"
+    return "between samples, or by rounding, the ground may have to hold the machine down"

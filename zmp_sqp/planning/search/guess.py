@@ -1,0 +1,132 @@
+"""Initial guess of the SQP: a motion within the joint limits, slow enough that the ZMP is not far out."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from zmp_sqp.arrays import Array
+from zmp_sqp.mechanics.limits import JointLimits
+from zmp_sqp.motion.double_integrator import grid_profile, minimum_time
+from zmp_sqp.planning.program.model import StageModel
+from zmp_sqp.planning.program.transcription import Boundary, PathBounds
+
+__all__ = ["initial_guess", "kinematic_lower_bound"]
+
+SLOWER = 1.5  # factor between trials
+TRIALS = 24  # 1.5^24 is a factor of 17 000
+FAR_OUT = 1.0  # of the polygon's half-width: guesses further out than this are slowed down
+# where poses on the way do not stand: a pace as good, but for this factor, as standing still in
+# them
+NEARLY = 1.5
+
+
+def kinematic_lower_bound(
+    distance: Array, *, start_velocity: Array, goal_velocity: Array, limits: JointLimits
+) -> float:
+    """Largest of the joints' own minimum times [s]: no motion within the joint limits is shorter."""
+    rows = zip(
+        distance, limits.velocity, limits.acceleration, start_velocity, goal_velocity, strict=True
+    )
+    return max(
+        minimum_time(
+            float(d),
+            max_velocity=float(v),
+            max_acceleration=float(a),
+            start_velocity=float(v0),
+            goal_velocity=float(v1),
+        ).duration
+        for d, v, a, v0, v1 in rows
+    )
+
+
+def initial_guess(
+    model: StageModel,
+    start: Boundary,
+    goal: Boundary,
+    bounds: PathBounds,
+    *,
+    intervals: int,
+    least_duration: float,
+    smooth: bool = False,
+    route: Array | None = None,
+) -> tuple[Array, float]:
+    """Accelerations T^2 a, shape (N, n), and duration T [s] of a motion from start to goal.
+
+    From rest to rest it is the synchronised bang-coast-bang motion on the grid, at its least
+    duration unless the ZMP would be out by more than the polygon's own size; in motion it is the
+    cubic that meets both ends.
+
+    Args:
+        model: For the ZMP of the trials.
+        start: Boundary at the start.
+        goal: Boundary at the goal.
+        bounds: Limits and wrench rows.
+        intervals: N.
+        least_duration: Proven lower bound on this grid [s].
+        smooth: The cubic from rest to rest, too.
+        route: Places where a base begins and ends, shape (2, 2) [m]; None stands still.
+    """
+    at_rest = not (start.v.any() or goal.v.any() or smooth)
+    duration = least_duration if at_rest else 1.05 * least_duration
+    size = float(np.median(-bounds.wrench_rows[:, 2]))  # distances of the edges from the origin
+    trials: list[tuple[Array, float, float]] = []
+    for _ in range(TRIALS):
+        if at_rest:
+            alpha = duration**2 * grid_profile(
+                goal.q - start.q,
+                duration,
+                max_velocity=bounds.velocity,
+                max_acceleration=bounds.acceleration,
+                intervals=intervals,
+            )
+        else:
+            alpha = _cubic(start, goal, duration, intervals)
+        trials.append((alpha, duration, _worst(model, start, alpha, duration, bounds, route)))
+        if trials[-1][2] <= FAR_OUT * size:
+            return alpha, duration
+        duration *= SLOWER
+    # no pace mends that: the slowest would be thousands of times too slow, and sets the scale of
+    # time
+    enough = NEARLY * min(worst for _, _, worst in trials)
+    return next((alpha, duration) for alpha, duration, worst in trials if worst <= enough)
+
+
+def _cubic(start: Boundary, goal: Boundary, duration: float, intervals: int) -> Array:
+    """Accelerations of the cubic through both boundary states, averaged over the intervals and made to arrive."""
+    D, w0, w1 = goal.q - start.q, start.v * duration, goal.v * duration
+    s = (np.arange(intervals)[:, None] + 0.5) / intervals
+    alpha = (6.0 * D - 4.0 * w0 - 2.0 * w1) + s * (6.0 * (w0 + w1) - 12.0 * D)
+    weights = np.vstack(
+        [
+            (intervals - np.arange(intervals) - 0.5) / intervals**2,
+            np.full(intervals, 1.0 / intervals),
+        ]
+    )
+    miss = np.vstack([D - w0, w1 - w0]) - weights @ alpha
+    return np.asarray(alpha + weights.T @ np.linalg.solve(weights @ weights.T, miss))
+
+
+def _worst(
+    model: StageModel,
+    start: Boundary,
+    alpha: Array,
+    duration: float,
+    bounds: PathBounds,
+    route: Array | None,
+) -> float:
+    """How far out the ZMP comes at the starts of the intervals [m]; infinite where the ground would have to pull."""
+    N = len(alpha)
+    w = start.v * duration + np.vstack(
+        [np.zeros((1, alpha.shape[1])), np.cumsum(alpha, axis=0) / N]
+    )
+    moved = (w[:-1] + 0.5 * alpha / N) / N
+    q = start.q + np.vstack([np.zeros((1, alpha.shape[1])), np.cumsum(moved, axis=0)])
+    places = None
+    if route is not None:  # straight on will do
+        places = route[0] + np.linspace(0.0, 1.0, N, endpoint=False)[:, None] * (
+            route[1] - route[0]
+        )
+    wrench = model.wrench(q[:-1], w[:-1], alpha, duration**2, places).reshape(-1, 6)
+    if wrench[:, 2].min() <= 0.0:
+        return np.inf
+    return float((wrench @ bounds.wrench_rows.T / wrench[:, 2:3]).max())
