@@ -13,7 +13,7 @@ import zmp_sqp as zs
 from tests.planning.driving import base
 from tests.problems import paper_scene
 from zmp_sqp.cli import main
-from zmp_sqp.planning.proof.robust_certificate import certify_for
+from zmp_sqp.planning.proof.certificate import certify_for
 from zmp_sqp.scenario import SHIPPED, load_scenario
 
 TREE = (

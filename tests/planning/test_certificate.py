@@ -20,7 +20,7 @@ from tests.checks import joint_limit_excess
 from tests.mechanics.conftest import PERMUTED, STEM, TREE_COM
 from tests.planning.conftest import planned_paper_1
 from tests.problems import slider
-from zmp_sqp.mechanics.bounds.wrench_bounds import wrench_curvature_bound, wrench_size_bound
+from zmp_sqp.mechanics.bounds.effort_bounds import wrench_curvature_bound, wrench_size_bound
 from zmp_sqp.motion.unicycle_motion import UnicycleMotion
 from zmp_sqp.planning.problem.unicycle_base import UnicycleBase
 from zmp_sqp.planning.proof import certificate as module

@@ -17,7 +17,7 @@ from tests.checks import joint_limit_excess
 from tests.planning.driving import base, paper_2_joint, retreat, retreat_problem, zmp_from_poses
 from tests.problems import PAPER_GOAL, PAPER_START, paper_scene
 from zmp_sqp.mechanics.bounds.root_bounds import root_bounds
-from zmp_sqp.mechanics.bounds.wrench_bounds import wrench_curvature_bound
+from zmp_sqp.mechanics.bounds.effort_bounds import wrench_curvature_bound
 from zmp_sqp.mechanics.wrench import ground_reaction
 from zmp_sqp.motion.root_motion import root_motion
 from zmp_sqp.scenario import SHIPPED, load_scenario

@@ -24,7 +24,7 @@ from tests.planning.test_robustness import (
 from zmp_sqp.arrays import Array
 from zmp_sqp.mechanics.bounds.payload_spread import moment_of_spread, turning_bounds
 from zmp_sqp.mechanics.wrench import ground_reaction
-from zmp_sqp.planning.proof.robust_certificate import certify_for
+from zmp_sqp.planning.proof.certificate import certify_for
 from zmp_sqp.scenario import load_scenario
 
 STEEP = zs.Slope(roll=np.radians(-28.0))

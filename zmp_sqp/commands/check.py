@@ -16,10 +16,10 @@ from zmp_sqp.mechanics import Heightmap, Machine, Payload, Slope, load_machine, 
 from zmp_sqp.mechanics.stability_measures import stability_measures
 from zmp_sqp.mechanics.uncertainty import com_box, corners
 from zmp_sqp.planning import Certificate, Trajectory, UnicycleBase
-from zmp_sqp.planning.problem.problem import UNCERTAINTIES
+from zmp_sqp.planning.problem.checks import UNCERTAINTIES
 from zmp_sqp.planning.problem.unicycle_base import LIMITS
-from zmp_sqp.planning.proof.robust_certificate import certify_at
-from zmp_sqp.planning.search.messages import spelled
+from zmp_sqp.planning.proof.certificate import certify_at
+from zmp_sqp.planning.proof.words import spelled
 from zmp_sqp.show.report import key_table, versions
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""Ground reaction wrench about the root origin, with its analytic derivatives."""
+"""Inverse dynamics of the whole machine: ground reaction wrench and joint efforts, with derivatives."""
 
 from __future__ import annotations
 
@@ -7,27 +7,50 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from zmp_sqp.arrays import Array
+from zmp_sqp.arrays import Array, Indices
 from zmp_sqp.mechanics.machine import Machine
 
-__all__ = ["WrenchDerivatives", "ground_reaction", "ground_reaction_derivatives"]
+__all__ = [
+    "WRENCH",
+    "EffortDerivatives",
+    "WrenchDerivatives",
+    "effort_derivatives",
+    "efforts",
+    "ground_reaction",
+    "ground_reaction_derivatives",
+]
+
+WRENCH = 6  # rows of the ground reaction wrench; the joints' own rows follow
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class WrenchDerivatives:
-    """Ground reaction wrench at K states with its first derivatives.
+class EffortDerivatives:
+    """Efforts of inverse dynamics at K states with their first derivatives.
+
+    The first six rows are the ground reaction wrench (f, tau) about the root origin in root axes
+    [N, N m]. Where joint efforts were asked for, n rows follow: the torque of each revolute joint
+    [N m] and the force of each prismatic one [N].
 
     Attributes:
-        wrench: (f, tau) about the root origin, root axes, shape (K, 6) [N, N m].
-        wrt_position: By the joint coordinates, shape (K, 6, n).
-        wrt_velocity: By (root twist, joint rates), shape (K, 6, 6 + n).
-        wrt_acceleration: By (root spatial acceleration, joint accelerations), shape (K, 6, 6 + n).
+        effort: Shape (K, R) with R = 6 or 6 + n.
+        wrt_position: Derivatives by the joint coordinates, shape (K, R, n).
+        wrt_velocity: Derivatives by (root twist, joint rates), shape (K, R, 6 + n).
+        wrt_acceleration: Derivatives by (spatial acceleration of the root, joint accelerations),
+            shape (K, R, 6 + n).
     """
 
-    wrench: Array
+    effort: Array
     wrt_position: Array
     wrt_velocity: Array
     wrt_acceleration: Array
+
+    @property
+    def wrench(self) -> Array:
+        """Ground reaction wrench (f, tau) about the root origin, root axes, shape (K, 6)."""
+        return self.effort[:, :WRENCH]
+
+
+WrenchDerivatives = EffortDerivatives  # its name where only the wrench is asked for
 
 
 def ground_reaction(
@@ -41,34 +64,71 @@ def ground_reaction(
 ) -> Array:
     r"""Wrench that the ground exerts on the machine, the first six rows of its inverse dynamics.
 
-    .. math:: (f, \tau) = [M(\bar q) \bar a + h(\bar q, \bar v)]_{1..6}, \quad \bar a_{root} =
-        a_{root} - g
+    .. math:: (f, \tau) = [M(\bar q) \bar a + h(\bar q, \bar v)]_{1..6}, \quad
+              \bar a_{root} = a_{root} - g
 
-    For point masses its quotient is eq. (5) of Song & Sharf 2020. Gravity is an acceleration of the
-    root, so scaling the first three entries of `root_acceleration` scales gravity.
+    For point masses the zero moment point of this wrench is eq. (5) of Song & Sharf 2020. Gravity is
+    an acceleration of the root, so that scaling the first three entries of `root_acceleration`
+    scales gravity.
 
     Args:
         machine: The machine.
         q, v, a: Joint coordinates, rates, accelerations, shape (K, n) each [rad, s].
         root_acceleration: Spatial acceleration of the root minus gravity, root frame, shape (6,) or
             (K, 6) [m/s^2, rad/s^2].
-        root_velocity: Twist of the root, root frame, shape (6,) or (K, 6) [m/s, rad/s]; None stands
-            still.
+        root_velocity: Twist of the root, root frame, shape (6,) or (K, 6) [m/s, rad/s]; None for a
+            root that stands still.
 
     Returns:
         (f, tau) about the root origin, root axes, shape (K, 6) [N, N m].
     """
-    configuration, velocity, acceleration = _stack(
-        machine, q, v, a, root_velocity, root_acceleration
+    return efforts(
+        machine,
+        q,
+        v,
+        a,
+        root_acceleration=root_acceleration,
+        root_velocity=root_velocity,
+        joints=False,
     )
+
+
+def efforts(
+    machine: Machine,
+    q: Array,
+    v: Array,
+    a: Array,
+    *,
+    root_acceleration: Array,
+    root_velocity: Array | None = None,
+    joints: bool = True,
+) -> Array:
+    r"""Ground reaction wrench and joint efforts, all rows of the machine's inverse dynamics.
+
+    .. math:: e = M(\bar q) \bar a + h(\bar q, \bar v), \quad \bar a_{root} = a_{root} - g
+
+    Args:
+        machine: The machine.
+        q, v, a: Joint coordinates, rates, accelerations, shape (K, n) each [rad, s].
+        root_acceleration: Spatial acceleration of the root minus gravity, root frame, shape (6,) or
+            (K, 6) [m/s^2, rad/s^2].
+        root_velocity: Twist of the root, root frame, shape (6,) or (K, 6) [m/s, rad/s]; None for a
+            root that stands still.
+        joints: Whether the joints' own rows follow the wrench.
+
+    Returns:
+        Wrench (f, tau) about the root origin in root axes, then the torque or force of each joint,
+        shape (K, 6 + n), or (K, 6) without the joints [N m, N].
+    """
+    states = _stack(machine, q, v, a, root_velocity, root_acceleration)
+    rows = _rows(machine, joints)
     model, data = machine.model, machine.model.createData()
-    wrench = np.empty((len(configuration), 6))
+    found = np.empty((len(states[0]), WRENCH if rows is None else len(rows)))
     rnea = pin.rnea
-    for row, (one_q, one_v, one_a) in enumerate(
-        zip(configuration, velocity, acceleration, strict=True)
-    ):
-        wrench[row] = rnea(model, data, one_q, one_v, one_a)[:6]
-    return wrench
+    for row, (one_q, one_v, one_a) in enumerate(zip(*states, strict=True)):
+        all_rows = rnea(model, data, one_q, one_v, one_a)
+        found[row] = all_rows[:WRENCH] if rows is None else all_rows[rows]
+    return found
 
 
 def ground_reaction_derivatives(
@@ -79,37 +139,70 @@ def ground_reaction_derivatives(
     *,
     root_acceleration: Array,
     root_velocity: Array | None = None,
-) -> WrenchDerivatives:
-    """Ground reaction wrench and its analytic first derivatives; arguments as in `ground_reaction`.
+) -> EffortDerivatives:
+    """Ground reaction wrench with its analytic first derivatives: `effort_derivatives`, R = 6.
 
-    The derivative by the root's pose is not here: in the root frame the wrench does not depend on
-    it but through gravity, which is an argument.
+    Args:
+        machine, q, v, a, root_acceleration, root_velocity: Arguments of `efforts`.
     """
-    configuration, velocity, acceleration = _stack(
-        machine, q, v, a, root_velocity, root_acceleration
+    return effort_derivatives(
+        machine,
+        q,
+        v,
+        a,
+        root_acceleration=root_acceleration,
+        root_velocity=root_velocity,
+        joints=False,
     )
+
+
+def effort_derivatives(
+    machine: Machine,
+    q: Array,
+    v: Array,
+    a: Array,
+    *,
+    root_acceleration: Array,
+    root_velocity: Array | None = None,
+    joints: bool = True,
+) -> EffortDerivatives:
+    """Efforts of inverse dynamics with their analytic first derivatives.
+
+    The pose of the root is no argument: in the root frame the efforts depend on it only through
+    gravity, which is part of `root_acceleration`.
+
+    Args:
+        machine, q, v, a, root_acceleration, root_velocity, joints: Arguments of `efforts`.
+    """
+    states = _stack(machine, q, v, a, root_velocity, root_acceleration)
+    rows = _rows(machine, joints)
+    pick = slice(0, WRENCH) if rows is None else rows
     model, data = machine.model, machine.model.createData()
-    count, columns = len(configuration), model.nv
-    wrench = np.empty((count, 6))
-    by_q, by_v, by_a = (np.empty((count, 6, columns)) for _ in range(3))
+    count, size = len(states[0]), WRENCH if rows is None else len(rows)
+    effort = np.empty((count, size))
+    by_q, by_v = np.empty((2, count, size, model.nv))
+    by_a = np.empty((count, size if rows is None else model.nv, model.nv))
     differentiate = pin.computeRNEADerivatives
-    # views that Pinocchio writes into
+    # views of the memory that Pinocchio writes into
     tau, dtau_dq, dtau_dv, mass = data.tau, data.dtau_dq, data.dtau_dv, data.M
-    for row, (one_q, one_v, one_a) in enumerate(
-        zip(configuration, velocity, acceleration, strict=True)
-    ):
+    for row, (one_q, one_v, one_a) in enumerate(zip(*states, strict=True)):
         differentiate(model, data, one_q, one_v, one_a)
-        wrench[row] = tau[:6]
-        by_q[row] = dtau_dq[:6]
-        by_v[row] = dtau_dv[:6]
-        by_a[row] = mass[:6]
-    lower = np.tril_indices(6, -1)
-    # Pinocchio fills the upper triangle of M
-    by_a[:, lower[0], lower[1]] = by_a[:, lower[1], lower[0]]
-    columns_v = np.concatenate([np.arange(6), machine.index_v])
-    return WrenchDerivatives(
-        wrench, by_q[:, :, machine.index_v], by_v[:, :, columns_v], by_a[:, :, columns_v]
-    )
+        effort[row] = tau[pick]
+        by_q[row] = dtau_dq[pick]
+        by_v[row] = dtau_dv[pick]
+        by_a[row] = mass[: by_a.shape[1]]
+    lower = np.tril_indices(by_a.shape[1], -1)
+    by_a[:, lower[0], lower[1]] = by_a[:, lower[1], lower[0]]  # Pinocchio fills M's upper triangle
+    if rows is not None:
+        by_a = by_a[:, rows]
+    columns = np.concatenate([np.arange(WRENCH), machine.index_v])
+    by_joints = by_q[:, :, machine.index_v]
+    return EffortDerivatives(effort, by_joints, by_v[:, :, columns], by_a[:, :, columns])
+
+
+def _rows(machine: Machine, joints: bool) -> Indices | None:
+    """Rows of Pinocchio's tau: the wrench, then the planned joints; None for the wrench alone."""
+    return np.concatenate([np.arange(WRENCH), machine.index_v]) if joints else None
 
 
 def _stack(
@@ -120,10 +213,11 @@ def _stack(
     root_velocity: Array | None,
     root_acceleration: Array,
 ) -> tuple[Array, Array, Array]:
+    """Pinocchio's configurations, velocities and accelerations, shape (K, nq), (K, nv), (K, nv)."""
     velocity, acceleration = np.zeros((2, len(q), machine.model.nv))
     velocity[:, machine.index_v] = v
     acceleration[:, machine.index_v] = a
-    acceleration[:, :6] = root_acceleration
+    acceleration[:, :WRENCH] = root_acceleration
     if root_velocity is not None:
-        velocity[:, :6] = root_velocity
+        velocity[:, :WRENCH] = root_velocity
     return machine.configuration(q), velocity, acceleration

@@ -8,7 +8,13 @@ import numpy as np
 
 from zmp_sqp.arrays import Array
 
-__all__ = ["BangCoastBang", "grid_minimum_time", "grid_profile", "minimum_time"]
+__all__ = [
+    "BangCoastBang",
+    "grid_minimum_time",
+    "grid_profile",
+    "minimum_time",
+    "slowest_minimum_time",
+]
 
 ROUNDING = 1e-9  # [rad or m] of a distance
 SMALLEST = 1e-150  # keeps quotients finite
@@ -75,6 +81,35 @@ def minimum_time(
         ramps = (2.0 * peak**2 - v0**2 - v1**2) / (2.0 * a)
         coast = max(distance - ramps, 0.0) / peak
     return BangCoastBang(sign * a, sign * peak, ((peak - v0) / a, coast, (peak - v1) / a))
+
+
+def slowest_minimum_time(
+    distance: Array,
+    *,
+    max_velocity: Array,
+    max_acceleration: Array,
+    start_velocity: Array,
+    goal_velocity: Array,
+) -> float:
+    """Largest of the joints' own minimum times [s]: no motion of all of them is shorter.
+
+    Args:
+        distance: Signed displacements, shape (n,) [rad or m].
+        max_velocity: Rate limits, shape (n,).
+        max_acceleration: Acceleration limits, shape (n,).
+        start_velocity, goal_velocity: Rates at both ends, shape (n,) each.
+    """
+    rows = zip(distance, max_velocity, max_acceleration, start_velocity, goal_velocity, strict=True)
+    return max(
+        minimum_time(
+            float(d),
+            max_velocity=float(v),
+            max_acceleration=float(a),
+            start_velocity=float(v0),
+            goal_velocity=float(v1),
+        ).duration
+        for d, v, a, v0, v1 in rows
+    )
 
 
 def grid_minimum_time(

@@ -1,5 +1,6 @@
 """From a problem to a plan: transcription in normalised time, SQP, trajectory, baseline."""
 
+from zmp_sqp.mechanics.lumped_mass import LumpedMass, simplified_coordinates
 from zmp_sqp.motion.root_motion import trajectory_zmp
 from zmp_sqp.motion.trajectory import Trajectory
 from zmp_sqp.motion.unicycle_motion import UnicycleMotion
@@ -12,8 +13,8 @@ from zmp_sqp.planning.closed_forms.base_motion import BaseMotion
 from zmp_sqp.planning.closed_forms.phase_plane import phase_plane
 from zmp_sqp.planning.closed_forms.slew import analytic_slew, analytic_slew_duration
 from zmp_sqp.planning.closed_forms.slew_circle import SlewInsight, slew_insight
+from zmp_sqp.planning.constraints import DistanceLimits, Guarantee, PathConstraint
 from zmp_sqp.planning.problem.problem import Problem
-from zmp_sqp.planning.problem.simplified import DistanceLimits, LumpedMass, simplified_coordinates
 from zmp_sqp.planning.problem.unicycle_base import UnicycleBase
 from zmp_sqp.planning.proof.certificate import Certificate, certify
 from zmp_sqp.planning.search.answer import Plan, Status
@@ -25,7 +26,9 @@ __all__ = [
     "Certificate",
     "Diagnosis",
     "DistanceLimits",
+    "Guarantee",
     "LumpedMass",
+    "PathConstraint",
     "Plan",
     "Problem",
     "SlewInsight",

@@ -103,7 +103,7 @@ def draw_plan_view(
             axes.plot([], [], color=colour, label=label)
     axes.plot(*pose[:, :2].T, color=COLOUR, linewidth=2.0, label="path")
     if base is not None:
-        lower, upper = base.corridor
+        lower, upper = base.position_bounds
         for bounds, line in (
             ((lower[0], upper[0]), axes.axvline),
             ((lower[1], upper[1]), axes.axhline),

@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.errors import ContactLost, ProblemError
+from zmp_sqp.mechanics.coordinates import Coordinates
 from zmp_sqp.mechanics.ground import Ground, Slope, Terrain
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.uncertainty import Corner
-from zmp_sqp.mechanics.wrench import ground_reaction, ground_reaction_derivatives
+from zmp_sqp.mechanics.wrench import efforts, ground_reaction, ground_reaction_derivatives
 from zmp_sqp.mechanics.zero_moment_point import zmp_of_wrench
+from zmp_sqp.planning.constraints.protocol import MotionSample, PathConstraint
 
 __all__ = [
     "check_at_rest",
+    "check_constraints_at_rest",
     "check_in_motion",
     "gentler",
     "gravity_under",
@@ -152,6 +155,46 @@ def check_in_motion(
                 f"limits: at these rates the ZMP leaves the {machine.support.edge_name(edge)} edge of the support "
                 f"polygon{kept}"
             )
+
+
+def check_constraints_at_rest(
+    name: str,
+    corners: tuple[Corner, ...],
+    constraints: Sequence[PathConstraint],
+    coordinates: Coordinates,
+    q: Array,
+    *,
+    pose: Array | None,
+) -> None:
+    """Refuse a pose at rest that breaks a path constraint: no motion starts or ends there.
+
+    Args:
+        name: What the message calls the pose: start or goal.
+        corners: Extremes of payload and slope.
+        constraints: The path constraints beside tip-over.
+        coordinates: From planning coordinates to joints.
+        q: Joint coordinates, shape (n,).
+        pose: Of a base that drives, x, y, yaw, shape (3,) [m, rad]; None stands as the ground says.
+
+    Raises:
+        ProblemError: A constraint is broken; the message says which, and by how much.
+    """
+    still = np.zeros((1, len(q)))
+    for corner in corners if constraints else ():
+        root = np.concatenate([-gravity_under(corner.ground, pose), np.zeros(3)])
+        found = efforts(corner.machine, q[None], still, still, root_acceleration=root)
+        sample = MotionSample(corner.machine, q[None], still, still, found)
+        for constraint in constraints:
+            rows = constraint.rows(corner.machine, coordinates)
+            room = rows.room(sample)[0]
+            worst = int(np.argmin(room))
+            if room[worst] < -TOLERANCE:
+                extreme, _ = _circumstances(corner, 0.0)
+                short = f"{-room[worst]:.3g} {rows.units[worst]}".strip()
+                raise ProblemError(
+                    f"constraint {constraint.name} ({rows.labels[worst]}) is broken at rest at the "
+                    f"{name}{extreme}, by {short}"
+                )
 
 
 def _circumstances(corner: Corner, margin: float) -> tuple[str, str]:

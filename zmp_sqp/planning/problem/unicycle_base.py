@@ -146,7 +146,7 @@ class UnicycleBase:
         )
 
     @property
-    def corridor(self) -> tuple[Array, Array]:
+    def position_bounds(self) -> tuple[Array, Array]:
         """Lower and upper bounds of x and y, infinite where there are none, shape (2,) each [m]."""
         sides = [
             (-np.inf, np.inf) if given is None else given

@@ -11,8 +11,8 @@ import scipy.sparse as sp
 from zmp_sqp.arrays import Array
 from zmp_sqp.planning.program.hold import CONSTANT, LINEAR, Hold
 from zmp_sqp.planning.program.layout import layout_of
-from zmp_sqp.planning.program.model import StageModel, extra_curvature, wrench_curvature
 from zmp_sqp.planning.program.null_space import null_space, with_last_column
+from zmp_sqp.planning.program.rows import StageRows
 from zmp_sqp.sqp.nlp import Basis, Evaluation, Linearization
 
 __all__ = ["Boundary", "PathBounds", "Transcription"]
@@ -22,7 +22,6 @@ __all__ = ["Boundary", "PathBounds", "Transcription"]
 # costs less than 0.05 %.
 REGULARIZATION = {CONSTANT: 1e-2, LINEAR: 3e-4}
 SHORT_WAY = 1e-8  # [rad or m] below it, rounding of the positions is felt
-LEAST_NORMAL_FORCE = 0.05  # of the weight: below it the tracks are as good as in the air
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,12 +34,10 @@ class Boundary:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PathBounds:
-    """What holds along the way.
+    """Limits of the coordinates and of the duration.
 
     Attributes:
         position_lower, position_upper, velocity, acceleration: Of the coordinates, shape (n,).
-        wrench_rows: C with C (f, tau) <= 0 for a ZMP inside its polygon, shape (E, 6) [m per N].
-        weight: Total mass times gravity, which scales the rows [N].
         least_duration: Proven lower bound of the duration [s].
     """
 
@@ -48,8 +45,6 @@ class PathBounds:
     position_upper: Array
     velocity: Array
     acceleration: Array
-    wrench_rows: Array
-    weight: float
     least_duration: float
 
 
@@ -77,26 +72,30 @@ class Transcription:
 
     def __init__(
         self,
-        model: StageModel,
+        rows: StageRows,
         start: Boundary,
         goal: Boundary,
         bounds: PathBounds,
         *,
         intervals: int,
-        reference: float,
         hold: Hold = CONSTANT,
         ties: sp.csr_array | None = None,
     ) -> None:
         """Transcribe.
 
         Args:
-            model, start, goal, bounds, intervals, hold: As above.
-            reference: Duration of the initial guess, which scales time [s].
+            rows: The path constraints; their reference duration, that of the initial guess, scales
+                time.
+            start, goal: Boundary states.
+            bounds: Limits of the coordinates.
+            intervals: Number N of equal intervals.
+            hold: How accelerations run within an interval.
             ties: Map from fewer free variables to the controls, shape (N c n, r); None leaves every
                 control free.
         """
-        self.model, self.start, self.goal, self.bounds, self.hold = model, start, goal, bounds, hold
-        self.N, self.n, self.reference = intervals, model.size, reference
+        self.rows, self.start, self.goal, self.bounds, self.hold = rows, start, goal, bounds, hold
+        self.N, self.n, self.reference = intervals, rows.size, rows.reference
+        reference = rows.reference
         S = reference**2
         reach = np.maximum(np.abs(goal.q - start.q), 1.0)
         self.control_scale = np.minimum(bounds.acceleration * S, 10.0 * reach)
@@ -105,16 +104,7 @@ class Transcription:
         )
         # a short way must be gone as exactly as a long one
         self._position_weight = 1.0 / np.clip(self.control_scale, SHORT_WAY, 1.0)
-        least = np.zeros((1, 6))
-        least[0, 2] = -1.0
-        # [m] once divided by the weight; the normal-force row has the force's share of the weight
-        # as its "metre"
-        rows = np.vstack([bounds.wrench_rows, least]) / (bounds.weight * S)
-        self._rows = np.kron(np.eye(len(model.parts)), rows)
-        self._row_offset = np.tile(
-            np.append(np.zeros(len(rows) - 1), LEAST_NORMAL_FORCE), len(model.parts)
-        )
-        self.layout = layout_of(intervals, self.n, len(self._rows) + model.extra_rows, hold)
+        self.layout = layout_of(intervals, self.n, rows.count, hold)
         self._rate_share = bounds.velocity * reference / self.rate_scale
         self._control_share = bounds.acceleration * S / self.control_scale
         self._control_step = self.control_scale / self.rate_scale / intervals
@@ -152,8 +142,15 @@ class Transcription:
         q, w, controls, sigma = self.layout.split(x)
         return q, w * self.rate_scale, controls * self.control_scale, sigma * self.reference**2
 
-    def arrived(self, x: Array) -> tuple[Array, Array, Array, float]:
-        """As `unpack`, with gaps closed and the goal met to rounding by the smallest change of the controls."""
+    aim = None  # nothing drives
+
+    def arrived(self, x: Array, aim: Array | None = None) -> tuple[Array, Array, Array, float]:
+        """Result of `unpack` after the smallest change of controls that meets gaps and goal.
+
+        Args:
+            x: Point.
+            aim: Not used.
+        """
         _, _, controls, S = self.unpack(x)
         T, flat = np.sqrt(S), controls.reshape(-1, self.n)
         sums = np.vstack([part[-1] for part in self.layout.sums])  # (2, N c)
@@ -167,9 +164,7 @@ class Transcription:
 
     def evaluate(self, x: Array, places: Array | None = None) -> Evaluation:
         """Values at x, with the base at places, starts, ends, middles of all intervals, shape (3N, 2) [m]."""
-        states = self._states(x)
-        wrench = self.model.wrench(*states, places)
-        return self._evaluation(x, wrench, self.model.extra(*states)[0] / self.reference**2)
+        return self._evaluation(x, self.rows.evaluate(*self._states(x), places))
 
     def linearize(self, x: Array) -> Linearization:
         """Values and first derivatives at x."""
@@ -178,13 +173,8 @@ class Transcription:
     def linearize_at(self, x: Array, places: Array | None = None) -> tuple[Linearization, Array]:
         """As `linearize`, with a base at places as in `evaluate`, and slopes of wrench rows by them, (3N, E, m)."""
         N, layout = self.N, self.layout
-        states = self._states(x)
-        wrench, slopes = self.model.wrench_derivatives(*states, places)
-        slopes = self._rows @ slopes  # (3N, E, 3n + 1 + m)
+        values, slopes = self.rows.linearize(*self._states(x), places)  # (3N, E, 3n + 1 [+ 2])
         slopes, by_places = slopes[:, :, : 3 * self.n + 1], slopes[:, :, 3 * self.n + 1 :]
-        slopes[:, :, -1] += self._row_offset / self.reference**2
-        extra, extra_slopes = self.model.extra(*states)
-        slopes = np.concatenate([slopes, extra_slopes / self.reference**2], axis=1)
         start, end, middle = (
             self._from_start(slopes[i * N : (i + 1) * N], s)
             for i, s in ((0, 0.0), (1, 1.0), (2, 0.5))
@@ -209,7 +199,7 @@ class Transcription:
         gradient, tie_gradient = np.zeros((2, layout.size))
         gradient[-1] = 1.0
         tie_gradient[layout.controls] = self._tie_weight * x[layout.controls]
-        at = self._evaluation(x, wrench, extra / self.reference**2)
+        at = self._evaluation(x, values)
         lin = Linearization(
             at, gradient, tie_gradient, A, C, self._basis(at.equalities, root_slope)
         )
@@ -235,9 +225,7 @@ class Transcription:
         states_q, states_w, alpha, S = self._states(x)
         at = states_q[active], states_w[active], alpha[active]
         where = None if places is None else places[active]
-        of_wrench, of_extra = np.split(weights[active], [len(self._rows)], axis=1)
-        blocks = wrench_curvature(self.model, *at, S, of_wrench @ self._rows, where)
-        blocks += extra_curvature(self.model, *at, S, of_extra / self.reference**2)
+        blocks = self.rows.curvature(*at, S, weights[active], where)
         ends, middles = active[active < 2 * self.N], active[active >= 2 * self.N] - 2 * self.N
         of_ends, of_middles = np.split(blocks, [len(ends)])
         of_ends *= self._stage_scale[:, None] * self._stage_scale
@@ -290,11 +278,11 @@ class Transcription:
             parts.append(level * by_alpha + h * once * by_w + h**2 * twice * by_q)
         return np.concatenate([*parts, slopes[..., 3 * n :]], axis=-1)
 
-    def _evaluation(self, x: Array, wrench: Array, extra: Array) -> Evaluation:
+    def _evaluation(self, x: Array, values: Array) -> Evaluation:
         layout, bounds, hold, N = self.layout, self.bounds, self.hold, self.N
         q, w, controls, sigma = layout.split(x)
         root = np.sqrt(sigma) if sigma > 0.0 else np.nan
-        rows = np.hstack([wrench @ self._rows.T + sigma * self._row_offset, extra])
+        rows = values.copy()
         rows[2 * N :] = 2.0 * rows[2 * N :] - 0.5 * (rows[:N] + rows[N : 2 * N])
         limit, rate = self._control_share * sigma, self._rate_share * root
         rates = np.vstack(

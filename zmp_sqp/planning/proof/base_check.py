@@ -1,124 +1,97 @@
-"""What a base is held to: its limits at all times in closed form, start and goal, and bounds on x and y by proof."""
+"""Whether a base keeps its limits at all times, and starts and ends where it should."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from zmp_sqp.arrays import Array
+from zmp_sqp.arrays import Array, Indices
 from zmp_sqp.motion.root_motion import root_motion_bounds
 from zmp_sqp.motion.unicycle_motion import UnicycleMotion
+from zmp_sqp.planning.constraints.guarantee import Guarantee
 from zmp_sqp.planning.problem.unicycle_base import UnicycleBase
 from zmp_sqp.planning.proof.path_error import path_error
+from zmp_sqp.planning.proof.subdivision import LeastValue, StretchValues, Wanted, subdivide
 
-__all__ = ["ARRIVAL", "CORRIDOR", "BaseCheck", "check_base", "corridor_excess"]
+__all__ = ["ARRIVAL", "BOUNDS_TOLERANCE", "base_guarantees", "bounds_guarantee", "position_room"]
 
-# [m or rad] farthest from the start and the goal that counts as there, for plans as for any motion
-ARRIVAL = 1e-5
-RATE_ARRIVAL = 1e-6  # [m/s, rad/s, relative above one]
-LIMIT_TOLERANCE = 1e-9  # [m/s, rad/s, per second] rounding
-CORRIDOR = 1e-6  # [m] farthest outside x and y bounds
-FINE = 1e-7  # [m] to which the excess over these is found, where there is one
+ARRIVAL = 1e-5  # [m or rad] largest miss of start or goal that counts as there, for any motion
+RATE_ARRIVAL = 1e-6  # [m/s or rad/s, relative above one] largest miss of the rates there
+LIMIT_TOLERANCE = 1e-9  # [m/s, rad/s, per second] excess over a limit that counts as rounding
+BOUNDS_TOLERANCE = 1e-6  # [m] excess over x and y bounds that counts as rounding
+FINE = 1e-7  # [m] to which the excess over x and y bounds is found, where there is one
 ROUNDING = 1e-9  # [m]
-MOST_PARTS = 16  # into which a stretch is cut that may lead outside
-MAX_STATES = 200_000  # looked at before the bound is left as loose as it is
 NAMES = ("max_speed", "max_yaw_rate", "max_acceleration", "max_yaw_acceleration")
 UNITS = ("m/s", "rad/s", "m/s^2", "rad/s^2")
 
 
-@dataclass(frozen=True, slots=True)
-class BaseCheck:
-    """What became of the limits of a base.
-
-    Attributes:
-        excess: Largest excess over any of them at any time; infinite if it does not begin and end
-            as asked.
-        outside: Likewise over the bounds on x and y alone [m]; -inf if there are none.
-        fault: What is wrong, in words that follow "the motion"; empty if nothing is.
-    """
-
-    excess: float
-    outside: float
-    fault: str
-
-    @property
-    def kept(self) -> bool:
-        """Whether the base begins, drives and ends as asked."""
-        return not self.fault
-
-
-def check_base(base: UnicycleBase, motion: UnicycleMotion) -> BaseCheck:
-    """Hold a motion to a base's start, goal and limits at all times, not only at its nodes.
+def base_guarantees(base: UnicycleBase, motion: UnicycleMotion) -> tuple[Guarantee, ...]:
+    """Room that a motion leaves to a base's limits, x and y bounds, start and goal.
 
     Start and goal pose count as met within 1e-5 m and rad, speed and yaw rate there within 1e-6
     (relative above one), bounds on x and y within 1e-6 m, and the limits of speed, yaw rate and
-    accelerations within 1e-9.
+    accelerations within 1e-9. What counts as met has a value of at least zero.
     """
-    outside, when, axis = corridor_excess(base, motion)
-    over = _rate_excess(base, motion)
-    worst, fault = int(np.argmax(over)), _misses(base, motion)
-    excess = np.inf if fault else max(float(over[worst]), outside)
-    # first, as nothing may begin or end at rates beyond the limits either
-    if not over[worst] <= LIMIT_TOLERANCE:
-        fault = f"exceeds the base's {NAMES[worst]} by {over[worst]:.3g} {UNITS[worst]}"
-    if not fault and not outside <= CORRIDOR:
-        where = f"{'xy'[axis]}_bounds near {when:.3f} s"
-        fault = f"takes the base {outside:.3g} m out of its {where}"
-        if not np.isfinite(outside):
-            fault = f"may take the base out of its {where}: its path is not known well enough there, give more nodes"
-    return BaseCheck(excess, outside, fault)
+    found = [_rate_guarantee(base, motion), *_boundary_guarantees(base, motion)]
+    within = bounds_guarantee(base, motion)
+    return (*found, within) if within is not None else tuple(found)
 
 
-def corridor_excess(base: UnicycleBase, motion: UnicycleMotion) -> tuple[float, float, int]:
-    r"""Upper bound on how far the base leaves its bounds on x and y at any time [m], when [s], and in x (0) or y (1).
+def bounds_guarantee(base: UnicycleBase, motion: UnicycleMotion) -> Guarantee | None:
+    """Least room to the base's bounds on x and y at any time; None if it has none."""
+    least = position_room(base, motion)
+    if least is None:
+        return None
+    room = least.guaranteed
+    return Guarantee(
+        name="base",
+        label=f"{'xy'[least.row % 2]}_bounds",
+        value=max(room, 0.0) if room >= -BOUNDS_TOLERANCE else room,
+        unit="m",
+        time=least.time,
+        corner="",
+        proven=True,
+    )
 
-    Between two times that lie \delta apart, a place p is no further out than at these, but for
+
+def position_room(base: UnicycleBase, motion: UnicycleMotion) -> LeastValue | None:
+    r"""Least distance from the base's path to its x and y bounds; None if it has none.
+
+    Between two times that lie :math:`\delta` apart, a position p is no nearer to a bound than at
+    these, but for
 
     .. math:: \frac{\delta^2}{8} \max |\ddot p| + e
 
-    with e, how far the unicycle may be from its computed path (`path_error`). Stretches that may
-    lead outside are cut until that is small. Without bounds the answer is -inf.
+    with e, how far the unicycle may be from its computed path (`path_error`). The rows of the result
+    are x and y below their upper bounds, then above their lower ones.
     """
-    lower, upper = base.corridor
+    lower, upper = base.position_bounds
     if not (np.isfinite(lower).any() or np.isfinite(upper).any()):
-        return -np.inf, 0.0, 0
-    interval, length = np.arange(len(motion.jerks)), np.diff(motion.times)
+        return None
+    every, steps = np.arange(len(motion.jerks)), np.diff(motion.times)
     with np.errstate(all="ignore"):  # what overflows is not known
-        bend = root_motion_bounds(motion, interval, 0.0 * length, length, height=0.0)[0, 1]
+        bend = root_motion_bounds(motion, every, 0.0 * steps, steps, height=0.0)[0, 1]
         error = np.nan_to_num(path_error(motion), nan=np.inf) + ROUNDING
-    since, states = np.zeros(len(length)), 0
-    outside, when, axis, found = -np.inf, 0.0, 0, -np.inf
-    while len(interval):
-        states += len(interval)
-        ends = np.stack([motion.state_in(interval, at)[0][:, :2] for at in (since, since + length)])
-        # (K, 2)
-        out = np.maximum(ends.max(axis=0) - upper, lower - ends.min(axis=0)) + error[interval, None]
+
+    def evaluate(interval: Indices, share: Array, length: Array) -> list[StretchValues]:
+        h = steps[interval]
+        since = np.stack([share, share + length]) * h
+        ends = np.stack([motion.state_in(interval, at)[0][:, :2] for at in since])
+        room = np.concatenate([upper - ends, ends - lower], axis=2)  # (2, K, 4)
+        room = room - error[interval, None]
+        flat = room.min(axis=2).argmin(axis=0)
+        nearest = room[flat, np.arange(len(interval))]
+        least = room.min(axis=(0, 2))
         with np.errstate(all="ignore"):
-            sag = np.nan_to_num(0.125 * length**2 * bend[interval], nan=np.inf)
-        over = out.max(axis=1)
-        found = max(found, float(over.max()))
-        loose = (over + sag > max(0.0, found)) & (sag > FINE) & np.isfinite(over)
-        parts = np.ceil(np.sqrt(sag / FINE)).clip(2, MOST_PARTS).astype(int)
-        if states + int(parts[loose].sum()) > MAX_STATES:
-            loose[:] = False
-        bound = np.where(loose, -np.inf, over + sag)
-        worst = int(np.argmax(bound))
-        if bound[worst] > outside:
-            outside, axis = float(bound[worst]), int(out[worst].argmax())
-            when = float(motion.times[interval[worst]] + since[worst])
-        parts = parts[loose]
-        interval, length = (
-            np.repeat(interval[loose], parts),
-            np.repeat(length[loose] / parts, parts),
-        )
-        number = np.arange(len(length)) - np.repeat(np.cumsum(parts) - parts, parts)
-        since = np.repeat(since[loose], parts) + length * number
-    return outside, when, axis
+            sag = np.nan_to_num(0.125 * (length * h) ** 2 * bend[interval], nan=np.inf)
+        when = motion.times[interval] + since[flat, np.arange(len(interval))]
+        return [StretchValues(least, when, nearest.argmin(axis=1), least - sag, least)]
+
+    wanted = Wanted(required=0.0, resolution=FINE, tight_if_kept=False)
+    return subdivide(np.ones(len(steps), dtype=int), evaluate, [wanted])[0]
 
 
-def _rate_excess(base: UnicycleBase, motion: UnicycleMotion) -> Array:
-    """Largest excess of speed, yaw rate and their rates over the limits at any time, shape (4,), in closed form."""
+def _rate_guarantee(base: UnicycleBase, motion: UnicycleMotion) -> Guarantee:
+    """Least room to the limits of speed, yaw rate and their rates at any time, in closed form."""
     v, a, j, h = (
         motion.velocities,
         motion.accelerations,
@@ -128,28 +101,59 @@ def _rate_excess(base: UnicycleBase, motion: UnicycleMotion) -> Array:
     with np.errstate(divide="ignore", invalid="ignore"):
         turn = -a / j
     turn = np.where((turn > 0.0) & (turn < h), turn, 0.0)
+    starts = motion.times[:-1, None]
     rates = np.vstack([v, v[:-1] + turn * a + 0.5 * turn**2 * j])
-    pushes = np.vstack([a, a + h * j])
+    accelerations = np.vstack([a, a + h * j])
+    times = (
+        np.vstack([np.broadcast_to(motion.times[:, None], v.shape), starts + turn]),
+        np.vstack([np.broadcast_to(starts, a.shape), np.broadcast_to(starts + h, a.shape)]),
+    )
     limits = base.limits
-    return np.concatenate(
+    room = np.concatenate(
         [
-            (np.abs(part) - limit).max(axis=0)
-            for part, limit in ((rates, limits.velocity), (pushes, limits.acceleration))
+            (limit - np.abs(part)).min(axis=0)
+            for part, limit in (
+                (rates, limits.velocity),
+                (accelerations, limits.acceleration),
+            )
         ]
+    )
+    when = np.concatenate(
+        [
+            np.take_along_axis(at, np.abs(part).argmax(axis=0)[None], axis=0)[0]
+            for part, at in zip((rates, accelerations), times, strict=True)
+        ]
+    )
+    worst = int(np.argmin(room))
+    least = float(room[worst])
+    return Guarantee(
+        name="base",
+        label=NAMES[worst],
+        value=max(least, 0.0) if least >= -LIMIT_TOLERANCE else least,
+        unit=UNITS[worst],
+        time=float(when[worst]),
+        corner="",
+        proven=True,
     )
 
 
-def _misses(base: UnicycleBase, motion: UnicycleMotion) -> str:
-    """How the motion misses the state it should begin or end in, in words; empty if it does not."""
-    for verb, side, k in (("begins", "start", 0), ("ends", "goal", -1)):
+def _boundary_guarantees(base: UnicycleBase, motion: UnicycleMotion) -> list[Guarantee]:
+    """By how much less than allowed the motion misses start and goal: position, yaw, rates."""
+    found = []
+    for side, k in (("start", 0), ("goal", -1)):
         off = np.abs(motion.poses[k] - getattr(base, side))
         asked = getattr(base, f"{side}_velocity")
         late = np.abs(motion.velocities[k] - asked)
-        allowed = f"of the base ({ARRIVAL:g} m and rad count as there)"
-        if off[:2].max() > ARRIVAL:
-            return f"{verb} {np.hypot(*off[:2]):.3g} m beside the {side} {allowed}"
-        if off[2] > ARRIVAL:
-            return f"{verb} turned by {off[2]:.3g} rad against the {side} {allowed}"
-        if (late > RATE_ARRIVAL * (1.0 + np.abs(asked))).any():
-            return f"{verb} with other rates of the base than asked for: speed and yaw rate are off by {late}"
-    return ""
+        position, yaw = float(np.hypot(*off[:2])), float(off[2])
+        speed = float((late - RATE_ARRIVAL * np.abs(asked)).max())
+        rows = (
+            # within the tolerance along each axis
+            ("position", ARRIVAL - position, "m", bool(off[:2].max() <= ARRIVAL)),
+            ("yaw", ARRIVAL - yaw, "rad", yaw <= ARRIVAL),
+            ("rates", RATE_ARRIVAL - speed, "m/s or rad/s", speed <= RATE_ARRIVAL),
+        )
+        time = float(motion.times[k])
+        for what, room, unit, met in rows:
+            value = max(room, 0.0) if met else min(room, -np.finfo(float).tiny)
+            found.append(Guarantee("base", f"{side} {what}", value, unit, time, "", proven=True))
+    return found

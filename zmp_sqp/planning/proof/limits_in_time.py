@@ -2,82 +2,139 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.mechanics.machine import Machine
-from zmp_sqp.motion.double_integrator import minimum_time
+from zmp_sqp.motion.double_integrator import slowest_minimum_time
 from zmp_sqp.motion.trajectory import Trajectory
+from zmp_sqp.planning.constraints.guarantee import Guarantee
 
-__all__ = ["LIMIT_TOLERANCE", "joints_least_duration", "limit_excess"]
+__all__ = ["LIMIT_TOLERANCE", "joints_least_duration", "limit_excess", "limit_guarantee"]
 
-# largest excess over a limit of a motion that keeps them, as a share of it if it is below 1
+# largest excess over a limit that counts as rounding, as a share of the limit if that is below one
 LIMIT_TOLERANCE = 1e-9
+KINDS = ("upper position", "lower position", "velocity", "acceleration")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Extremes:
+    """Joint coordinates and their derivatives where they can be extreme, shape (M, n) each.
+
+    Positions are cubics and rates parabolas within the intervals, so that besides the nodes only the
+    times where the rate or the acceleration vanishes matter.
+    """
+
+    times: Array
+    positions: Array
+    rates: Array
+    accelerations: Array
+
+    @classmethod
+    def of(cls, trajectory: Trajectory) -> _Extremes:
+        starts = trajectory.times[:-1, None]
+        v, a, j = trajectory.velocities[:-1], trajectory.accelerations, trajectory.jerks
+        h = np.broadcast_to(np.diff(trajectory.times)[:, None], a.shape)
+        with np.errstate(all="ignore"):
+            no_acceleration = -a / j
+            # the two times where the rate vanishes, each in its stable form
+            sqrt = np.sqrt(a**2 - 2.0 * j * v)
+            pivot = -(a + np.where(a >= 0.0, sqrt, -sqrt))
+            found = [np.zeros_like(a)]
+            for since in (no_acceleration, 2.0 * v / pivot, pivot / j, h):
+                found.append(np.where((since > 0.0) & (since <= h), since, 0.0))  # False for NaN
+            parts = [_at(trajectory, since) for since in found]
+            nodes = np.broadcast_to(trajectory.times[:, None], trajectory.positions.shape)
+            return cls(
+                np.vstack([nodes, *(starts + since for since in found)]),
+                np.vstack([trajectory.positions, *(part[0] for part in parts)]),
+                np.vstack([trajectory.velocities, *(part[1] for part in parts)]),
+                np.vstack([np.vstack([a, a[-1:]]), *(part[2] for part in parts)]),
+            )
 
 
 def limit_excess(machine: Machine, trajectory: Trajectory) -> tuple[float, float]:
-    """Largest excess over any joint limit at any time, in closed form: rates are parabolas, positions cubics.
+    """Largest excess over any joint limit at any time, in closed form.
 
-    Limits that nobody has given (NaN) cannot be exceeded; without any it is -inf. The second value
-    is the same with excesses over rate and acceleration limits below 1 taken as shares of the
-    limit.
+    Limits that nobody has given (NaN) cannot be exceeded; without any limit the excess is -inf.
+
+    Returns:
+        The excess, and the same with excesses over rate and acceleration limits below one taken as
+        shares of the limit.
     """
-    limits = machine.limits
-    v, a, j = trajectory.velocities[:-1], trajectory.accelerations, trajectory.jerks
-    h = np.broadcast_to(np.diff(trajectory.times)[:, None], a.shape)
     with np.errstate(all="ignore"):
-        turn = -a / j  # where the rate is extreme
-        # where the rate vanishes and the position is extreme, stably
-        root = np.sqrt(a**2 - 2.0 * j * v)
-        pivot = -(a + np.where(a >= 0.0, root, -root))
-        inner = [_at(trajectory, since, h) for since in (turn, 2.0 * v / pivot, pivot / j, h)]
-        places = np.vstack([trajectory.positions, *(place for place, _ in inner)])
-        rates = np.vstack([trajectory.velocities, *(rate for _, rate in inner)])
-        pushes = np.vstack([a, trajectory.end_accelerations])
-        over_places = max(
-            _excess(places.max(axis=0), limits.position_upper),
-            _excess(-places.min(axis=0), -limits.position_lower),
-        )
-        peaks = np.concatenate([np.abs(rates).max(axis=0), np.abs(pushes).max(axis=0)])
-        bounds = np.concatenate([limits.velocity, limits.acceleration])
-        absolute = max(over_places, _excess(peaks, bounds))
-        relative = max(over_places, _excess(peaks, bounds, np.where(bounds < 1.0, bounds, 1.0)))
-    return absolute, relative
+        excess, relative, _ = _excesses(machine, trajectory)
+    return float(excess.max()), float(relative.max())
+
+
+def limit_guarantee(machine: Machine, trajectory: Trajectory) -> Guarantee:
+    """Least room that a motion leaves to a joint limit, and to which, in closed form.
+
+    An excess that counts as rounding (`LIMIT_TOLERANCE`) is no room, but no excess either.
+    """
+    with np.errstate(all="ignore"):
+        excess, relative, times = _excesses(machine, trajectory)
+    kind, joint = np.unravel_index(int(np.argmax(relative)), relative.shape)
+    room, kept = -float(excess[kind, joint]), bool(relative[kind, joint] <= LIMIT_TOLERANCE)
+    unit = machine.joint_units[joint] + ("", "", "/s", "/s^2")[kind]
+    return Guarantee(
+        name="joint_limits",
+        label=f"{machine.joint_names[joint]} {KINDS[kind]}",
+        value=max(room, 0.0) if kept else room,
+        unit=unit,
+        time=float(times[kind, joint]),
+        corner="",
+        proven=True,
+    )
 
 
 def joints_least_duration(machine: Machine, trajectory: Trajectory) -> float:
-    """Least duration of any motion between the trajectory's ends within the joint limits [s]; 0 if one is missing."""
+    """Least duration of any motion between the trajectory's ends within the joint limits [s].
+
+    Zero if a limit is missing, or if the rates at the ends exceed one.
+    """
     limits, q, v = machine.limits, trajectory.positions, trajectory.velocities
     if not (np.isfinite(limits.velocity).all() and np.isfinite(limits.acceleration).all()):
         return 0.0
     if (np.abs(v[[0, -1]]) > limits.velocity * (1.0 + LIMIT_TOLERANCE)).any():
         return 0.0
-    rows = zip(q[-1] - q[0], limits.velocity, limits.acceleration, v[0], v[-1], strict=True)
-    return max(
-        minimum_time(
-            float(d),
-            max_velocity=float(top),
-            max_acceleration=float(push),
-            start_velocity=float(first),
-            goal_velocity=float(last),
-        ).duration
-        for d, top, push, first, last in rows
+    return slowest_minimum_time(
+        q[-1] - q[0],
+        max_velocity=limits.velocity,
+        max_acceleration=limits.acceleration,
+        start_velocity=v[0],
+        goal_velocity=v[-1],
     )
 
 
-def _excess(values: Array, bound: Array, unit: Array | float = 1.0) -> float:
-    """Largest of (values - bound) / unit, shape (n,); an overflow exceeds every limit that there is."""
-    over = np.nan_to_num((values - bound) / unit, nan=np.inf, posinf=np.inf, neginf=-np.inf)
-    return float(np.where(np.isnan(bound) | (bound == np.inf), -np.inf, over).max())
-
-
-def _at(trajectory: Trajectory, since: Array, h: Array) -> tuple[Array, Array]:
-    """Positions and rates at a time of its own per joint and interval, (N, n); at the node if that is outside."""
-    t = np.where((since > 0.0) & (since <= h), since, 0.0)  # False for NaN
-    q, v, a, j = (
-        trajectory.positions[:-1],
-        trajectory.velocities[:-1],
-        trajectory.accelerations,
-        trajectory.jerks,
+def _excesses(machine: Machine, trajectory: Trajectory) -> tuple[Array, Array, Array]:
+    """Largest excess over each limit, its relative form, and when, shape (4, n) in KINDS' order."""
+    limits, extremes = machine.limits, _Extremes.of(trajectory)
+    values = (
+        extremes.positions,
+        -extremes.positions,
+        np.abs(extremes.rates),
+        np.abs(extremes.accelerations),
     )
-    return q + t * v + 0.5 * t**2 * a + t**3 * j / 6.0, v + t * a + 0.5 * t**2 * j
+    bounds = np.stack(
+        [limits.position_upper, -limits.position_lower, limits.velocity, limits.acceleration]
+    )
+    at = np.stack([np.argmax(np.nan_to_num(part, nan=np.inf), axis=0) for part in values])
+    peaks = np.stack([np.nan_to_num(part, nan=np.inf).max(axis=0) for part in values])
+    times = np.take_along_axis(extremes.times, at, axis=0)
+    excess = np.nan_to_num(peaks - bounds, nan=np.inf, posinf=np.inf, neginf=-np.inf)
+    unlimited = np.isnan(bounds) | (bounds == np.inf)
+    excess = np.where(unlimited, -np.inf, excess)
+    unit = np.ones_like(bounds)
+    unit[2:] = np.where(bounds[2:] < 1.0, bounds[2:], 1.0)
+    return excess, np.where(unlimited, -np.inf, excess / unit), times
+
+
+def _at(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
+    """Positions, rates, accelerations at a time of its own per joint and interval, (N, n) each."""
+    q, v = trajectory.positions[:-1], trajectory.velocities[:-1]
+    a, j = trajectory.accelerations, trajectory.jerks
+    position = q + t * v + 0.5 * t**2 * a + t**3 * j / 6.0
+    return position, v + t * a + 0.5 * t**2 * j, a + t * j

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from zmp_sqp.errors import MachineError, ProblemError, TrajectoryError
-from zmp_sqp.mechanics.bounds.wrench_bounds import WrenchBound
+from zmp_sqp.mechanics.bounds.effort_bounds import EffortBound
 from zmp_sqp.mechanics.ground import Ground
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.motion.trajectory import Trajectory
@@ -63,7 +63,7 @@ def check_drift(trajectory: Trajectory) -> None:
             )
 
 
-def reason_of_doubt(trajectory: Trajectory, rounding: WrenchBound, *, exhausted: bool) -> str:
+def reason_of_doubt(trajectory: Trajectory, rounding: EffortBound, *, exhausted: bool) -> str:
     """Why nothing can be proven of the margin between samples that have one, in words.
 
     Args:

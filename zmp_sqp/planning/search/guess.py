@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from zmp_sqp.arrays import Array
-from zmp_sqp.mechanics.limits import JointLimits
-from zmp_sqp.motion.double_integrator import grid_profile, minimum_time
-from zmp_sqp.planning.program.model import StageModel
+from zmp_sqp.motion.double_integrator import grid_profile
+from zmp_sqp.planning.program.rows import BoundConstraints
 from zmp_sqp.planning.program.transcription import Boundary, PathBounds
 
-__all__ = ["initial_guess", "kinematic_lower_bound"]
+__all__ = ["initial_guess"]
 
 SLOWER = 1.5  # factor between trials
 TRIALS = 24  # 1.5^24 is a factor of 17 000
@@ -20,27 +19,8 @@ FAR_OUT = 1.0  # of the polygon's half-width: guesses further out than this are 
 NEARLY = 1.5
 
 
-def kinematic_lower_bound(
-    distance: Array, *, start_velocity: Array, goal_velocity: Array, limits: JointLimits
-) -> float:
-    """Largest of the joints' own minimum times [s]: no motion within the joint limits is shorter."""
-    rows = zip(
-        distance, limits.velocity, limits.acceleration, start_velocity, goal_velocity, strict=True
-    )
-    return max(
-        minimum_time(
-            float(d),
-            max_velocity=float(v),
-            max_acceleration=float(a),
-            start_velocity=float(v0),
-            goal_velocity=float(v1),
-        ).duration
-        for d, v, a, v0, v1 in rows
-    )
-
-
 def initial_guess(
-    model: StageModel,
+    constraints: BoundConstraints,
     start: Boundary,
     goal: Boundary,
     bounds: PathBounds,
@@ -57,10 +37,10 @@ def initial_guess(
     cubic that meets both ends.
 
     Args:
-        model: For the ZMP of the trials.
+        constraints: For the ZMP of the trials.
         start: Boundary at the start.
         goal: Boundary at the goal.
-        bounds: Limits and wrench rows.
+        bounds: Limits of the coordinates.
         intervals: N.
         least_duration: Proven lower bound on this grid [s].
         smooth: The cubic from rest to rest, too.
@@ -68,7 +48,7 @@ def initial_guess(
     """
     at_rest = not (start.v.any() or goal.v.any() or smooth)
     duration = least_duration if at_rest else 1.05 * least_duration
-    size = float(np.median(-bounds.wrench_rows[:, 2]))  # distances of the edges from the origin
+    size = constraints.half_width
     trials: list[tuple[Array, float, float]] = []
     for _ in range(TRIALS):
         if at_rest:
@@ -81,7 +61,7 @@ def initial_guess(
             )
         else:
             alpha = _cubic(start, goal, duration, intervals)
-        trials.append((alpha, duration, _worst(model, start, alpha, duration, bounds, route)))
+        trials.append((alpha, duration, _worst(constraints, start, alpha, duration, route)))
         if trials[-1][2] <= FAR_OUT * size:
             return alpha, duration
         duration *= SLOWER
@@ -107,14 +87,13 @@ def _cubic(start: Boundary, goal: Boundary, duration: float, intervals: int) -> 
 
 
 def _worst(
-    model: StageModel,
+    constraints: BoundConstraints,
     start: Boundary,
     alpha: Array,
     duration: float,
-    bounds: PathBounds,
     route: Array | None,
 ) -> float:
-    """How far out the ZMP comes at the starts of the intervals [m]; infinite where the ground would have to pull."""
+    """How far out the ZMP is at the starts of the intervals [m]; infinite without contact."""
     N = len(alpha)
     w = start.v * duration + np.vstack(
         [np.zeros((1, alpha.shape[1])), np.cumsum(alpha, axis=0) / N]
@@ -126,7 +105,4 @@ def _worst(
         places = route[0] + np.linspace(0.0, 1.0, N, endpoint=False)[:, None] * (
             route[1] - route[0]
         )
-    wrench = model.wrench(q[:-1], w[:-1], alpha, duration**2, places).reshape(-1, 6)
-    if wrench[:, 2].min() <= 0.0:
-        return np.inf
-    return float((wrench @ bounds.wrench_rows.T / wrench[:, 2:3]).max())
+    return constraints.outside(q[:-1], w[:-1], alpha, duration**2, places)

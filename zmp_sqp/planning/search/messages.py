@@ -6,11 +6,10 @@ import numpy as np
 
 from zmp_sqp.planning.problem.problem import Problem
 from zmp_sqp.planning.proof.certificate import Certificate
+from zmp_sqp.planning.proof.words import spelled
 from zmp_sqp.planning.search.answer import Status
 
 __all__ = ["failure_message", "spelled"]
-
-LEAST_SHOWN = 5e-3  # [m] below it, three digits say little
 
 
 def failure_message(
@@ -37,11 +36,6 @@ def failure_message(
     if checked.margin < problem.margin:
         said.append(_zmp(problem, checked))
     return " ".join(said)
-
-
-def spelled(length: float) -> str:
-    """A length in words: in metres, or in millimetres where these would show nothing but zeros."""
-    return f"{length:.3f} m" if length >= LEAST_SHOWN else f"{1e3 * length:.2g} mm"
 
 
 def _zmp(problem: Problem, checked: Certificate) -> str:

@@ -7,8 +7,8 @@ import scipy.sparse as sp
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.planning.program.driving.transcription import DrivingTranscription
-from zmp_sqp.planning.program.formulation import Program
 from zmp_sqp.planning.program.hold import slope_ties
+from zmp_sqp.planning.program.solution import MotionProgram
 from zmp_sqp.sqp.result import SQPResult
 
 __all__ = ["free_slopes", "linear_controls"]
@@ -32,7 +32,7 @@ def linear_controls(controls: Array) -> tuple[sp.csr_array | None, Array]:
 
 
 def free_slopes(
-    ties: sp.csr_array, linear: Program, constant: Program, found: SQPResult
+    ties: sp.csr_array, linear: MotionProgram, constant: MotionProgram, found: SQPResult
 ) -> sp.csr_array:
     """The ties with one more free variable for every interval whose slope would shorten the motion.
 

@@ -35,7 +35,7 @@ def corridor_rows(
         drawn_in: By how much the nodes stay inside x and y bounds, so that these hold between them,
             too [m].
     """
-    lower, upper = base.corridor
+    lower, upper = base.position_bounds
     low, high = terrain.extent
     guard = CORRIDOR_GUARD + drawn_in
     lower = np.maximum(lower + guard, low + reach + RIM_GUARD)

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from zmp_sqp.arrays import Array
+from zmp_sqp.mechanics.coordinates import Coordinates
 from zmp_sqp.mechanics.ground import Terrain
 from zmp_sqp.mechanics.ground_motion import GroundMotion
 from zmp_sqp.mechanics.machine import Machine
-from zmp_sqp.mechanics.wrench import ground_reaction, ground_reaction_derivatives
-from zmp_sqp.planning.program.model import StageModel
+from zmp_sqp.mechanics.wrench import effort_derivatives, efforts
 
 __all__ = ["DrivingModel"]
 
@@ -33,10 +33,12 @@ class DrivingModel:
     Attributes:
         machine: The machine.
         terrain: What it drives on.
+        joint_efforts: Whether the joints' efforts follow the ground reaction wrench.
     """
 
     machine: Machine
     terrain: Terrain
+    joint_efforts: bool = False
 
     @property
     def size(self) -> int:
@@ -44,60 +46,64 @@ class DrivingModel:
         return self.machine.size + 2
 
     @property
-    def parts(self) -> tuple[StageModel, ...]:
-        """Itself: it has one wrench."""
-        return (self,)
+    def coordinates(self) -> Coordinates:
+        """The joints themselves; path length and yaw move none of them."""
+        return Coordinates.identity(self.machine.size)
 
-    @property
-    def extra_rows(self) -> int:
-        """Number of rows of `extra`: none."""
-        return 0
-
-    def extra(self, q: Array, w: Array, alpha: Array, S: float) -> tuple[Array, Array]:
-        """No other rows than the wrench's."""
-        return np.zeros((len(q), 0)), np.zeros((len(q), 0, 3 * self.size + 1))
-
-    def wrench(
-        self, q: Array, w: Array, alpha: Array, S: float, places: Array | None = None
+    def efforts(
+        self, q: Array, w: Array, alpha: Array, S: float, positions: Array | None = None
     ) -> Array:
-        """S times the ground reaction wrench, shape (K, 6) [N s^2, N m s^2]; places do not matter in a plane."""
-        root = self._root(q, w, alpha, S, places)
-        return ground_reaction(
+        """S times the efforts, shape (K, R) [N s^2, N m s^2].
+
+        Args:
+            q, w, alpha: Coordinates and their derivatives by s, shape (K, n) each.
+            S: Squared duration [s^2].
+            positions: Of the base, shape (K, 2) [m]; None where they do not matter, as on a plane.
+        """
+        root = self._root(q, w, alpha, S, positions)
+        return efforts(
             self.machine,
             q[:, :-2],
             w[:, :-2],
             alpha[:, :-2],
             root_velocity=root.velocity,
             root_acceleration=root.acceleration,
+            joints=self.joint_efforts,
         )
 
-    def wrench_derivatives(
-        self, q: Array, w: Array, alpha: Array, S: float, places: Array | None = None
+    def effort_derivatives(
+        self, q: Array, w: Array, alpha: Array, S: float, positions: Array | None = None
     ) -> tuple[Array, Array]:
-        """The same with its derivatives by (q, w, alpha, S, p), shapes (K, 6) and (K, 6, 3n + 3)."""
-        root = self._root(q, w, alpha, S, places)
-        found = ground_reaction_derivatives(
+        """Efforts, (K, R), and Jacobian by (q, w, alpha, S [, positions]), (K, R, 3n + 1 [+ 2]).
+
+        Args:
+            q, w, alpha, S, positions: Arguments of `efforts`.
+        """
+        root = self._root(q, w, alpha, S, positions)
+        found = effort_derivatives(
             self.machine,
             q[:, :-2],
             w[:, :-2],
             alpha[:, :-2],
             root_velocity=root.velocity,
             root_acceleration=root.acceleration,
+            joints=self.joint_efforts,
         )
         by_root = found.wrt_velocity[:, :, :6] @ root.velocity_slopes
-        by_root += found.wrt_acceleration[:, :, :6] @ root.acceleration_slopes  # (K, 6, 8)
+        by_root += found.wrt_acceleration[:, :, :6] @ root.acceleration_slopes  # (K, R, 8)
         parts = [
             found.wrt_position,
-            np.zeros((len(q), 6, 1)),
+            np.zeros((*found.effort.shape, 1)),
             by_root[:, :, YAW],
             found.wrt_velocity[:, :, 6:],
             by_root[:, :, RATES],
             found.wrt_acceleration[:, :, 6:],
             by_root[:, :, PUSHES],
             by_root[:, :, SCALE],
-            by_root[:, :, PLACE],
         ]
-        return found.wrench, np.concatenate(parts, axis=2)
+        if positions is not None:
+            parts.append(by_root[:, :, PLACE])
+        return found.effort, np.concatenate(parts, axis=2)
 
     def _root(
         self, q: Array, w: Array, alpha: Array, S: float, places: Array | None

@@ -70,7 +70,6 @@ class DrivingTranscription:
         """
         self.inner, self.base, self.terrain = inner, base, terrain
         self.N, self.n, self.hold, self.reference = inner.N, inner.n, inner.hold, inner.reference
-        self.model = inner.model
         self._sigma = inner.layout.size - 1  # of the inner program
         self.size = inner.layout.size + 2 * (self.N + 1)
         self.positions = slice(self._sigma, self.size - 1)
@@ -86,6 +85,11 @@ class DrivingTranscription:
         self.nonlinear_rows: npt.NDArray[np.bool_] = np.append(
             inner.nonlinear_rows, np.zeros(len(self._edges), dtype=bool)
         )
+
+    @property
+    def aim(self) -> Array:
+        """Where the base shall end, shape (2,) [m]."""
+        return np.asarray(self.base.goal[:2])
 
     # --- points -------------------------------------------------------------------------------
 

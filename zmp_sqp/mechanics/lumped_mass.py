@@ -7,52 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from zmp_sqp.arrays import Array, finite_number
+from zmp_sqp.arrays import Array
 from zmp_sqp.errors import ProblemError
 from zmp_sqp.mechanics.coordinates import Coordinates
-from zmp_sqp.mechanics.limits import JointLimits
 from zmp_sqp.mechanics.machine import Machine
 
-__all__ = ["DistanceLimits", "LumpedMass", "simplified_coordinates"]
+__all__ = ["FORM_TOLERANCE", "LumpedMass", "simplified_coordinates"]
 
 # [m, rad] how far the chain, a start or a goal may be from the form that (7) needs
 FORM_TOLERANCE = 1e-6
-
-
-@dataclass(frozen=True, slots=True)
-class DistanceLimits:
-    """The paper's bounds on the lumped mass alone, in place of those of boom, stick and levelling joint.
-
-    The paper tightens them by hand until the joints hold; so does whoever uses them: a plan whose
-    joints exceed their own limits is not successful.
-
-    Attributes:
-        velocity: Largest |d'| [m/s].
-        acceleration: Largest |d''| [m/s^2].
-        lower: Least d [m].
-        upper: Largest d [m].
-
-    Raises:
-        ProblemError: Not positive, not finite, or lower above upper.
-    """
-
-    velocity: float
-    acceleration: float
-    lower: float = 0.0
-    upper: float = 1e3
-
-    def __post_init__(self) -> None:
-        for name in ("velocity", "acceleration", "lower", "upper"):
-            value = finite_number(
-                getattr(self, name), name=f"distance limit {name}", error=ProblemError
-            )
-            object.__setattr__(self, name, value)
-            if name in ("velocity", "acceleration") and value <= 0.0:
-                raise ProblemError(f"distance limit {name} must be positive, not {value}")
-        if self.lower > self.upper:
-            raise ProblemError(
-                f"distance limits contradict each other: lower {self.lower} m, upper {self.upper} m"
-            )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,29 +68,6 @@ class LumpedMass:
         """First, second and third derivative of d by the boom angle [m]."""
         sine, cosine = np.sin(boom), np.cos(boom)
         return -self.B * cosine, self.B * sine, self.B * cosine
-
-    def boom_limits(self, bounds: DistanceLimits, joints: JointLimits) -> JointLimits:
-        """Limits of (slew, boom) that the bounds on d imply, generously; the slew keeps its own.
-
-        With |cos q_2| >= c on the range of d: |q_2'| <= v / (B c) and |q_2''| <= (a + B q_2'^2) /
-        (B c).
-        """
-        reachable = np.clip([bounds.lower, bounds.upper], self.A - self.B, self.A + self.B)
-        upper, lower = (float(angle) for angle in self.boom(reachable))
-        lower, upper = (
-            max(lower, float(joints.position_lower[1])),
-            min(upper, float(joints.position_upper[1])),
-        )
-        least = self.B * max(min(np.cos(lower), np.cos(upper)), 1e-2)
-        rate = bounds.velocity / least
-        push = (bounds.acceleration + self.B * rate**2) / least
-        changes = {
-            "velocity": [joints.velocity[0], rate],
-            "acceleration": [joints.acceleration[0], push],
-            "position_lower": [joints.position_lower[0], lower],
-            "position_upper": [joints.position_upper[0], upper],
-        }
-        return joints.updated(changes, ("slew", "boom"))
 
     def motion(self, boom: Array, rate: Array, acceleration: Array) -> tuple[Array, Array, Array]:
         """(d, d', d'') [m, s] of a boom motion, the inverse of eq. (11)."""

@@ -1,0 +1,240 @@
+"""Constraints that a user writes in a file of his own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from zmp_sqp.arrays import Array, finite_number, shortened
+from zmp_sqp.errors import ProblemError
+from zmp_sqp.mechanics.coordinates import Coordinates
+from zmp_sqp.mechanics.machine import Machine
+from zmp_sqp.planning.constraints.protocol import MotionSample, StageSample, Stretch
+
+__all__ = ["PathRows", "UserRows"]
+
+Function = Callable[[Machine, Array, Array, Array], tuple[Any, Any]]
+CurvatureBound = Callable[[Machine, Array, Array, Array], Any]
+
+GUARD = 1e-6  # of the scale, kept inside the constraint so that rounding does not break it
+RESOLUTION = 1e-3  # of the scale, by which a guarantee may fall short of the samples
+ROUNDING = 1e-9  # of the scale, which stands for the rounding errors of a function unknown to us
+DIFFERENCE = 1e-6  # forward step on the user's Jacobian; variables are of order one
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PathRows:
+    r"""A path constraint of the user's own: values(q, v, a) <= 0 at all times.
+
+    The function works in physical units and knows nothing of normalised time. For a limit on the
+    height of the second link, say::
+
+        def below_the_wires(machine, q, v, a):
+            height = 3.0 * np.cos(q[:, 1])
+            jacobian = np.zeros((len(q), 1, 3 * machine.size))
+            jacobian[:, 0, 1] = -3.0 * np.sin(q[:, 1])
+            return (height - 2.5)[:, None], jacobian
+
+        zs.Problem(..., constraints=[zs.PathRows("wires", below_the_wires, labels=["height"])])
+
+    The planner holds the rows at the nodes and in the middle of every interval. With
+    `curvature_bound` the certificate proves them for all times. Without, it looks at them 2000 times
+    a second, and says so: the guarantee has `proven=False`.
+
+    Attributes:
+        name: What guarantees, messages and tables call the constraint.
+        function: From machine, q, v, a (shape (K, n) each, in rad or m and s) to values (K, R), at
+            most zero where the constraint holds, and their Jacobian by q, v, a, shape (K, R, 3n).
+            Under uncertainty it is called with the machine of each corner.
+        labels: What each row limits, R words; None numbers them.
+        curvature_bound: Bound on |d^2 value / dt^2|: a number, R numbers, or a function of machine
+            and the largest |rates|, |accelerations| and |jerks| of the joints in K stretches of
+            time, shape (K, n) each, that returns the bound, shape (K, R).
+        units: Unit of each row's value; None leaves them out.
+        scale: What counts as a large value, which brings rows to order one.
+
+    Raises:
+        ProblemError: No name, nothing to call, or a scale that is not positive.
+    """
+
+    name: str
+    function: Function
+    labels: Sequence[str] | None = None
+    curvature_bound: Any = None
+    units: Sequence[str] | None = None
+    scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.name, str) or not self.name:
+            raise ProblemError(f"a constraint needs a name, not {shortened(self.name)}")
+        if not callable(self.function):
+            raise ProblemError(
+                f"constraint {self.name!r} needs a function(machine, q, v, a), "
+                f"not {shortened(self.function)}"
+            )
+        scale = finite_number(
+            self.scale, name=f"scale of constraint {self.name!r}", error=ProblemError
+        )
+        if scale <= 0.0:
+            raise ProblemError(f"scale of constraint {self.name!r} must be positive, not {scale}")
+        object.__setattr__(self, "scale", scale)
+
+    def rows(self, machine: Machine, coordinates: Coordinates) -> UserRows:
+        """Rows for a machine, with one call of the function that tells how many there are.
+
+        Raises:
+            ProblemError: Values or Jacobian have the wrong shape, or labels or units another number.
+        """
+        still = np.zeros((1, machine.size))
+        values, _ = self.values(machine, still, still, still)
+        count = values.shape[1]
+        named = [f"row {i}" for i in range(count)] if self.labels is None else list(self.labels)
+        units = [""] * count if self.units is None else list(self.units)
+        for what, found in (("labels", named), ("units", units)):
+            if len(found) != count:
+                raise ProblemError(
+                    f"constraint {self.name!r} has {count} rows, but {len(found)} {what}"
+                )
+        return UserRows(self, machine, coordinates.G, tuple(named), tuple(units))
+
+    def values(self, machine: Machine, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
+        """Values (K, R) and Jacobian (K, R, 3n), checked.
+
+        Raises:
+            ProblemError: The function raised, or its results have the wrong shape.
+        """
+        try:
+            values, jacobian = self.function(machine, q, v, a)
+            values, jacobian = (np.asarray(part, dtype=float) for part in (values, jacobian))
+        except Exception as cause:
+            raise ProblemError(
+                f"constraint {self.name!r}: its function failed: {cause!r}"
+            ) from cause
+        count, n = q.shape
+        if values.ndim != 2 or len(values) != count:
+            raise ProblemError(
+                f"constraint {self.name!r}: values must have shape ({count}, R), not {values.shape}"
+            )
+        expected = (count, values.shape[1], 3 * n)
+        if jacobian.shape != expected:
+            raise ProblemError(
+                f"constraint {self.name!r}: the Jacobian must have shape {expected}, "
+                f"not {jacobian.shape}"
+            )
+        return values, jacobian
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class UserRows:
+    r"""Rows of a `PathRows` in normalised time, S times values(q, w / sqrt(S), alpha / S) / scale.
+
+    Attributes:
+        given: The constraint.
+        machine: The machine of this corner.
+        G: Joint coordinates by planning coordinates (without those of a base), shape (n_joints, m).
+        labels, units: Of the rows.
+        drawn_in: By how much the program stays inside, in the rows' unit.
+    """
+
+    given: PathRows
+    machine: Machine
+    G: Array
+    labels: tuple[str, ...]
+    units: tuple[str, ...]
+    drawn_in: float = 0.0
+    per_corner = True
+    needs_joint_efforts = False
+
+    @property
+    def proven(self) -> bool:
+        """Whether the user gave a bound on curvature."""
+        return self.given.curvature_bound is not None
+
+    @property
+    def resolution(self) -> Array:
+        """Room by which a guarantee may fall short of the samples, shape (R,)."""
+        return np.full(len(self.labels), RESOLUTION * self.given.scale)
+
+    def evaluate(self, sample: StageSample) -> Array:
+        """Rows in normalised time, shape (K, R)."""
+        S = np.full(len(sample.q), sample.S)
+        return self._linearize(sample, sample.q, sample.w, sample.alpha, S)[0]
+
+    def linearize(self, sample: StageSample) -> tuple[Array, Array]:
+        """Rows with their Jacobian, shapes (K, R) and (K, R, 3n + 1 [+ 2])."""
+        S = np.full(len(sample.q), sample.S)
+        rows, jacobian = self._linearize(sample, sample.q, sample.w, sample.alpha, S)
+        if sample.positions is not None:
+            by_position = np.zeros((*rows.shape, sample.positions.shape[1]))
+            jacobian = np.concatenate([jacobian, by_position], axis=2)
+        return rows, jacobian
+
+    def curvature(self, sample: StageSample, weights: Array) -> Array:
+        """Hessian of `weights . rows` by forward differences of the Jacobian."""
+        count, n = sample.q.shape
+        steps = DIFFERENCE * np.vstack([np.zeros(3 * n + 1), np.eye(3 * n + 1)])
+        state = np.column_stack([sample.q, sample.w, sample.alpha, np.full(count, sample.S)])
+        shifted = (state[:, None] + steps).reshape(-1, 3 * n + 1)
+        parts = (shifted[:, :n], shifted[:, n : 2 * n], shifted[:, 2 * n : 3 * n], shifted[:, -1])
+        _, jacobian = self._linearize(sample, *parts)
+        jacobian = jacobian.reshape(count, len(steps), -1, 3 * n + 1)
+        gradient = np.einsum("kr,kprj->kpj", weights, jacobian)
+        H = (gradient[:, 1:] - gradient[:, :1]) / DIFFERENCE
+        return np.asarray(0.5 * (H + H.transpose(0, 2, 1)))
+
+    def tightened(self, amount: float) -> UserRows:
+        """The rows with the limit drawn in by an amount in their unit."""
+        return replace(self, drawn_in=self.drawn_in + amount)
+
+    def room(self, sample: MotionSample) -> Array:
+        """Minus the values, shape (K, R)."""
+        values, _ = self.given.values(self.machine, sample.q, sample.v, sample.a)
+        return np.where(np.isfinite(values), -values, -np.inf)
+
+    def least_between(self, stretch: Stretch, ends: Array) -> tuple[Array, Array]:
+        """Room at the ends less delta^2 / 8 times the user's bound on curvature."""
+        bound = self.given.curvature_bound
+        if callable(bound):
+            bound = bound(self.machine, stretch.v, stretch.a, stretch.j)
+        try:
+            bend = np.broadcast_to(np.asarray(bound, dtype=float), ends.shape)
+        except (TypeError, ValueError):
+            raise ProblemError(
+                f"constraint {self.given.name!r}: curvature_bound must give {len(self.labels)} "
+                f"numbers per stretch, not {shortened(bound)}"
+            ) from None
+        reachable = ends - ROUNDING * self.given.scale
+        sag = 0.125 * stretch.length[:, None] ** 2 * np.abs(bend)
+        return np.where(np.isnan(sag), -np.inf, reachable - sag), reachable
+
+    def _linearize(
+        self, sample: StageSample, q: Array, w: Array, alpha: Array, S: Array
+    ) -> tuple[Array, Array]:
+        """Rows and Jacobian by (q, w, alpha, S) at K states with squared durations S (K,)."""
+        count, n = q.shape
+        joints = self.machine.size
+        G = np.zeros((joints, n))  # a base's own coordinates move no joint
+        G[:, : self.G.shape[1]] = self.G
+        sqrt_S = np.sqrt(S)[:, None]
+        coordinates, arm = sample.model.coordinates, slice(0, self.G.shape[1])
+        rate, acceleration = w / sqrt_S, alpha / S[:, None]
+        values, by_state = self.given.values(
+            self.machine,
+            coordinates.joints(q[:, arm]),
+            coordinates.rates(rate[:, arm]),
+            coordinates.rates(acceleration[:, arm]),
+        )
+        values = values + self.drawn_in + GUARD * self.given.scale
+        by_q, by_v, by_a = (by_state[:, :, i * joints : (i + 1) * joints] @ G for i in range(3))
+        jacobian = np.empty((count, values.shape[1], 3 * n + 1))
+        scale = S[:, None, None]
+        jacobian[:, :, :n] = scale * by_q
+        jacobian[:, :, n : 2 * n] = sqrt_S[:, :, None] * by_v
+        jacobian[:, :, 2 * n : 3 * n] = by_a
+        # S r(q, w / sqrt(S), alpha / S) by S
+        by_S = values - 0.5 * np.einsum("krj,kj->kr", by_v, rate)
+        jacobian[:, :, -1] = by_S - np.einsum("krj,kj->kr", by_a, acceleration)
+        return S[:, None] * values / self.given.scale, jacobian / self.given.scale

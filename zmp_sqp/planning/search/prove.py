@@ -1,0 +1,145 @@
+"""Third step of planning: the certificate, and tighter constraints where it fails."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from zmp_sqp.errors import ProblemError, TrajectoryError
+from zmp_sqp.motion.trajectory import Trajectory
+from zmp_sqp.planning.constraints.tip_over import GUARD
+from zmp_sqp.planning.problem.undercarriage import Driving
+from zmp_sqp.planning.program.hold import LINEAR
+from zmp_sqp.planning.program.solution import trajectory
+from zmp_sqp.planning.proof.base_check import BOUNDS_TOLERANCE
+from zmp_sqp.planning.proof.boundary_states import meets_boundary_states
+from zmp_sqp.planning.proof.certificate import Certificate, certify_for
+from zmp_sqp.planning.search.answer import Status
+from zmp_sqp.planning.search.refine import REFINEMENTS, Refined
+from zmp_sqp.planning.search.run import MAX_ITERATIONS, Runs
+from zmp_sqp.planning.search.task import Task, Tightening
+from zmp_sqp.sqp.result import SQPStatus
+
+__all__ = ["Proven", "prove"]
+
+MAX_TIGHTENINGS = 6
+OVERSHOOT = 1.5  # by which a constraint is tightened, per shortfall of its guarantee
+OUTCOMES = {
+    SQPStatus.OPTIMAL: Status.OPTIMAL,
+    SQPStatus.BOUND_REACHED: Status.FASTEST_POSSIBLE,
+    SQPStatus.FEASIBLE: Status.SAFE,
+    SQPStatus.INFEASIBLE: Status.INFEASIBLE,
+    SQPStatus.TIME_LIMIT: Status.TIME_BUDGET,
+    SQPStatus.ITERATION_LIMIT: Status.ITERATION_LIMIT,
+}
+# where it may be the base alone that is wrong
+BLIND = (Status.INFEASIBLE, Status.FAILED, Status.UNSAFE_BETWEEN_NODES)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Proven:
+    """How planning ended.
+
+    Attributes:
+        status: The verdict.
+        certificate: Of the last motion.
+        attempt: That motion; None where it could not be made.
+        duration: Of the attempt, or of the program's last point [s].
+        obstacle: What kept a motion from being made, in words.
+    """
+
+    status: Status
+    certificate: Certificate
+    attempt: Trajectory | None
+    duration: float
+    obstacle: str = ""
+
+
+def prove(task: Task, refined: Refined, runs: Runs) -> Proven:
+    """Certify the motion; where it fails between the nodes, tighten what failed and solve again."""
+    problem, tightening = task.problem, Tightening()
+    for _ in range(MAX_TIGHTENINGS):
+        candidate = refined.candidate
+        try:
+            motion = trajectory(problem, candidate.program, candidate.result.x)
+            checked = certify_for(problem, motion)
+        except (ProblemError, TrajectoryError) as cause:
+            # off the map, or where the tracks cannot follow
+            if (
+                not isinstance(problem.undercarriage, Driving)
+                or problem.undercarriage.terrain.uniform
+            ):
+                raise
+            nothing, duration = Certificate.of_nothing(problem.margin), float(np.sqrt(candidate.S))
+            return Proven(Status.TERRAIN, nothing, None, duration, str(cause))
+        status = _verdict(task, refined, motion, checked)
+        if status is not Status.UNSAFE_BETWEEN_NODES:
+            break
+        if runs.is_late:
+            status = Status.TIME_BUDGET
+            break
+        tightening = _tightened(tightening, checked)
+        refined = _solve_again(task, refined, tightening, runs)
+    margin_kept = checked.margin >= problem.margin
+    base_fails = any(not found.kept for found in checked.guarantees if found.name == "base")
+    if status in BLIND and base_fails and margin_kept:
+        status = Status.BASE
+    return Proven(status, checked, motion, motion.duration)
+
+
+def _verdict(task: Task, refined: Refined, motion: Trajectory, checked: Certificate) -> Status:
+    """What the certificate makes of the search's outcome.
+
+    UNSAFE_BETWEEN_NODES where tighter constraints may mend it.
+    """
+    status = OUTCOMES.get(refined.candidate.result.status, Status.FAILED)
+    if checked.safe and meets_boundary_states(task.problem, motion):
+        return status if status.success else Status.SAFE  # the proof does not ask how it was found
+    if not status.success:
+        return status
+    if not np.isfinite(checked.margin) or checked.safe:  # nothing that tightening would mend
+        return Status.FAILED
+    joints = next(found for found in checked.guarantees if found.name == "joint_limits")
+    if task.problem.distance_limits is not None and not joints.kept:
+        return Status.JOINT_LIMITS  # tightening does not mend that
+    return Status.UNSAFE_BETWEEN_NODES
+
+
+def _tightened(tightening: Tightening, checked: Certificate) -> Tightening:
+    """Tightened by more than every guarantee falls short."""
+    off_bounds = [
+        found.shortfall
+        for found in checked.broken
+        if found.name == "base" and found.label.endswith("_bounds")
+    ]
+    if off_bounds and np.isfinite(off_bounds[0]):
+        base_bounds = tightening.base_bounds + OVERSHOOT * off_bounds[0]
+        tightening = replace(tightening, base_bounds=base_bounds)
+    own = [
+        found for found in checked.broken if found.name not in ("base", "contact", "joint_limits")
+    ]
+    for found in own:
+        least = GUARD if found.name == "tip_over" else 0.0
+        if np.isfinite(found.shortfall):
+            tightening = tightening.by(found.name, OVERSHOOT * max(found.shortfall, least))
+    if not own and not (off_bounds and off_bounds[0] > BOUNDS_TOLERANCE):
+        tightening = tightening.by("tip_over", OVERSHOOT * GUARD)
+    return tightening
+
+
+def _solve_again(task: Task, refined: Refined, tightening: Tightening, runs: Runs) -> Refined:
+    """The point of the tighter program, from the last one on."""
+    candidate = refined.candidate
+    hold = candidate.program.hold
+    linear = hold is LINEAR
+    program = task.program(
+        candidate.program.reference,
+        hold,
+        least=refined.least,
+        ties=refined.ties if linear else None,
+        tightening=tightening,
+    )
+    iterations = REFINEMENTS if linear else MAX_ITERATIONS
+    found = runs.minimize(program, candidate.controls, candidate.S, iterations)
+    return replace(refined, candidate=found)
