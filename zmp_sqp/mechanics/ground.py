@@ -163,10 +163,10 @@ class Slope:
         """
         yaw, speed = pose[:, 2], rates[:, 0]
         heading = np.column_stack([np.cos(yaw), np.sin(yaw)])
-        slopes = np.zeros((len(pose), 2, 5))
-        slopes[:, 0, 2], slopes[:, 1, 2] = -speed * heading[:, 1], speed * heading[:, 0]
-        slopes[:, :, 3] = heading
-        return GroundRates(speed[:, None] * heading, slopes)
+        jacobian = np.zeros((len(pose), 2, 5))
+        jacobian[:, 0, 2], jacobian[:, 1, 2] = -speed * heading[:, 1], speed * heading[:, 0]
+        jacobian[:, :, 3] = heading
+        return GroundRates(speed[:, None] * heading, jacobian)
 
     def base_motion(
         self, pose: Array, rates: Array, accelerations: Array, S: float = 1.0
@@ -188,15 +188,15 @@ class Slope:
         acceleration[:, :3] = -S * gravity
         acceleration[:, 0] += accelerations[:, 0]
         acceleration[:, 5] = accelerations[:, 1]
-        velocity_slopes, acceleration_slopes = np.zeros((2, count, 6, 8))
-        velocity_slopes[:, 0, 3] = velocity_slopes[:, 5, 4] = 1.0
-        acceleration_slopes[:, 0, 5] = acceleration_slopes[:, 5, 6] = 1.0
-        acceleration_slopes[:, 0, 2], acceleration_slopes[:, 1, 2] = (
+        velocity_jacobian, acceleration_jacobian = np.zeros((2, count, 6, 8))
+        velocity_jacobian[:, 0, 3] = velocity_jacobian[:, 5, 4] = 1.0
+        acceleration_jacobian[:, 0, 5] = acceleration_jacobian[:, 5, 6] = 1.0
+        acceleration_jacobian[:, 0, 2], acceleration_jacobian[:, 1, 2] = (
             -S * gravity[:, 1],
             S * gravity[:, 0],
         )
-        acceleration_slopes[:, :3, 7] = -gravity
-        return GroundMotion(velocity, acceleration, velocity_slopes, acceleration_slopes)
+        acceleration_jacobian[:, :3, 7] = -gravity
+        return GroundMotion(velocity, acceleration, velocity_jacobian, acceleration_jacobian)
 
     def check_followable(
         self, support: SupportPolygon, poses: Array, *, clearance: float = CLEARANCE

@@ -18,14 +18,14 @@ class GroundMotion:
         acceleration: Spatial acceleration of the root (the rates of the twist's components, no
             speed times yaw rate term) minus S times gravity, root frame, shape (K, 6) [m/s^2,
             rad/s^2].
-        velocity_slopes: Of the twist by (x, y, yaw, w_s, w_yaw, a_s, a_yaw, S), shape (K, 6, 8).
-        acceleration_slopes: Of the acceleration by the same, shape (K, 6, 8).
+        velocity_jacobian: Of the twist by (x, y, yaw, w_s, w_yaw, a_s, a_yaw, S), shape (K, 6, 8).
+        acceleration_jacobian: Of the acceleration by the same, shape (K, 6, 8).
     """
 
     velocity: Array
     acceleration: Array
-    velocity_slopes: Array
-    acceleration_slopes: Array
+    velocity_jacobian: Array
+    acceleration_jacobian: Array
 
     def at_support_height(self, height: float) -> GroundMotion:
         r"""The motion of a root from which the ground is the plane z = height, in place of z = 0.
@@ -37,7 +37,12 @@ class GroundMotion:
         Args:
             height: Of the support polygon in the root frame [m].
         """
-        parts = (self.velocity, self.acceleration, self.velocity_slopes, self.acceleration_slopes)
+        parts = (
+            self.velocity,
+            self.acceleration,
+            self.velocity_jacobian,
+            self.acceleration_jacobian,
+        )
         if height == 0.0:
             return self
         moved = tuple(part.copy() for part in parts)
@@ -53,8 +58,8 @@ class GroundRates:
 
     Attributes:
         rates: (dx, dy), shape (K, 2) [m/s].
-        slopes: Of these by (x, y, yaw, w_s, w_yaw), shape (K, 2, 5).
+        jacobian: Of these by (x, y, yaw, w_s, w_yaw), shape (K, 2, 5).
     """
 
     rates: Array
-    slopes: Array
+    jacobian: Array

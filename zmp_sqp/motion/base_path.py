@@ -10,7 +10,7 @@ import numpy as np
 from zmp_sqp.arrays import Array, Indices
 from zmp_sqp.errors import TrajectoryError
 
-__all__ = ["PlaceCurve"]
+__all__ = ["PositionCurve"]
 
 POINTS = 20  # per interval: exact far beyond rounding for a turn in a plane
 MOST_PASSES = 60
@@ -35,15 +35,17 @@ def _integrals(share: Array) -> Array:
     return np.concatenate([share[..., None], rest], axis=-1)
 
 
-SHARES, WEIGHTS = _gauss()
-_VALUES = np.polynomial.legendre.legvander(2.0 * SHARES - 1.0, POINTS - 1)  # (points, orders)
+GAUSS_NODES, GAUSS_WEIGHTS = _gauss()
+_VALUES = np.polynomial.legendre.legvander(2.0 * GAUSS_NODES - 1.0, POINTS - 1)  # (points, orders)
 # from values at the points
-TO_SERIES = (2.0 * np.arange(POINTS)[:, None] + 1.0) * (_VALUES * WEIGHTS[:, None]).T
-TO_INTEGRAL = _integrals(SHARES) @ TO_SERIES  # from values at the points to integrals up to them
+TO_SERIES = (2.0 * np.arange(POINTS)[:, None] + 1.0) * (_VALUES * GAUSS_WEIGHTS[:, None]).T
+TO_INTEGRAL = (
+    _integrals(GAUSS_NODES) @ TO_SERIES
+)  # from values at the points to integrals up to them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PlaceCurve:
+class PositionCurve:
     r"""Displacements from the nodes: intervals are cut into equal pieces, each a Legendre series by its share.
 
     .. math:: p(t) = p_k + \int_{t_k}^t \dot p\, dt, \quad \dot p = \sum_n c_n P_n
@@ -69,14 +71,14 @@ class PlaceCurve:
         rates: Callable[[Array], Array],
         *,
         chained: bool,
-    ) -> tuple[PlaceCurve, Array]:
+    ) -> tuple[PositionCurve, Array]:
         """Collocation at Gauss points, by passes of Picard, which contract as the path is short or the ground smooth.
 
         Args:
             places: At the starts of the intervals, shape (N, 2) [m].
             steps: Lengths of the intervals, shape (N,) [s].
             parts: Into how many pieces each one is cut, shape (N,).
-            rates: From places at `SHARES` of the pieces, shape (M, POINTS, 2), to their rates
+            rates: From places at `GAUSS_NODES` of the pieces, shape (M, POINTS, 2), to their rates
                 there, likewise.
             chained: Whether only the first place is given and each of the others is where the
                 interval before ends.
@@ -94,7 +96,7 @@ class PlaceCurve:
         at, change = np.repeat(starts[:, None], POINTS, axis=1), np.inf
         for _ in range(MOST_PASSES):
             found = rates(at)
-            ends = np.cumsum(steps[:, None] * (WEIGHTS @ found), axis=0)
+            ends = np.cumsum(steps[:, None] * (GAUSS_WEIGHTS @ found), axis=0)
             begins = np.vstack([np.zeros(2), ends[:-1]])
             origins = begins - begins[node]
             here = starts[0] + begins if chained else starts + origins

@@ -20,7 +20,7 @@ from zmp_sqp.motion.unicycle_motion import UnicycleMotion
 
 __all__ = [
     "check_tracks",
-    "followed",
+    "with_ground",
     "root_motion",
     "root_motion_bounds",
     "surface_bounds",
@@ -114,7 +114,7 @@ def surface_bounds(base: UnicycleMotion, k: Indices, since: Array, length: Array
     return base.ground.derivative_bounds(middle - stray, middle + stray)
 
 
-def followed(trajectory: Trajectory, ground: Ground) -> Trajectory:
+def with_ground(trajectory: Trajectory, ground: Ground) -> Trajectory:
     """The trajectory with its base, if it has one, on this ground.
 
     Raises:
@@ -150,11 +150,11 @@ def trajectory_zmp(machine: Machine, trajectory: Trajectory, t: Any, ground: Gro
             f"the trajectory moves {trajectory.joint_names}, the machine has {machine.joint_names}"
         )
     trajectory, height = (
-        followed(trajectory, ground),
+        with_ground(trajectory, ground),
         0.0 if machine.support is None else machine.support.height,
     )
     states = trajectory(np.atleast_1d(t))
-    k, since = trajectory.place_in(np.atleast_1d(np.asarray(t, dtype=np.float64)))
+    k, since = trajectory.locate(np.atleast_1d(np.asarray(t, dtype=np.float64)))
     # a base has its own ground
     gravity = ground.gravity() if trajectory.base is None else np.zeros(3)
     twist, root = root_motion(trajectory, gravity, k, since, height=height)

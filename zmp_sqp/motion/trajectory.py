@@ -93,7 +93,7 @@ class Trajectory:
                     "(accelerations run linearly from node to node)"
                 )
 
-    def place_in(self, t: Array) -> tuple[Indices, Array]:
+    def locate(self, t: Array) -> tuple[Indices, Array]:
         """Intervals of times, shape (K,), and the times since their starts [s]."""
         k = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, self.intervals - 1)
         return k, np.clip(t, 0.0, self.duration) - self.times[k]
@@ -140,7 +140,7 @@ class Trajectory:
             raise TrajectoryError(
                 f"t = {outside:.6g} s is outside the trajectory, which lasts {self.duration:.6g} s"
             )
-        k, since = self.place_in(when)
+        k, since = self.locate(when)
         q, v, a = self._after(k, since[:, None])
         return (q[0], v[0], a[0]) if shape == () else (q, v, a)
 

@@ -10,7 +10,7 @@ import numpy as np
 from zmp_sqp.arrays import Array, Indices, frozen_array, shortened
 from zmp_sqp.errors import TrajectoryError
 from zmp_sqp.mechanics.ground import Slope, Terrain
-from zmp_sqp.motion.base_path import SHARES, PlaceCurve
+from zmp_sqp.motion.base_path import GAUSS_NODES, PositionCurve
 
 __all__ = ["BASE_COLUMNS", "PLANE", "UnicycleMotion"]
 
@@ -29,8 +29,10 @@ BASE_COLUMNS = (
 CONSISTENCY = 1e-6
 PLANE = Slope()
 PLANAR = " in a plane; if it drove over a heightmap, give that as its ground"
-LONGEST = 0.1  # [s] of a piece of path over uneven ground that is one polynomial
-WIDEST = 0.1  # [rad] of yaw likewise: how well the path is known goes with the cube of the turn
+LONGEST_PIECE = 0.1  # [s] of a piece of path over uneven ground that is one polynomial
+LARGEST_TURN = (
+    0.1  # [rad] of yaw likewise: how well the path is known goes with the cube of the turn
+)
 MOST_PIECES = 20_000  # however long the motion is
 
 
@@ -40,7 +42,7 @@ class UnicycleMotion:
 
     .. math:: p(t) = p_k + \int_{t_k}^{t} s\, B(p) (\cos\psi, \sin\psi)\, dt
 
-    from the node before (`PlaceCurve`); speed s and yaw psi are exact polynomials, and B is what
+    from the node before (`PositionCurve`); speed s and yaw psi are exact polynomials, and B is what
     the ground makes of a heading (`Terrain.ground_rates`; in a plane the identity).
 
     Attributes:
@@ -63,7 +65,7 @@ class UnicycleMotion:
     accelerations: Array
     jerks: Array
     ground: Terrain = PLANE
-    _path: PlaceCurve = field(init=False, repr=False)
+    _path: PositionCurve = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         count = len(self.times)
@@ -222,7 +224,7 @@ def _curve(
     ground: Terrain,
     *,
     chained: bool,
-) -> tuple[PlaceCurve, Array]:
+) -> tuple[PositionCurve, Array]:
     """Path of N intervals, and its places at Gauss points; off the map as at its rim."""
     if not isinstance(ground, Terrain) or isinstance(ground, type):
         raise TrajectoryError(
@@ -233,14 +235,16 @@ def _curve(
         turn = steps * (
             np.abs(velocity[:, 1]) + steps * (np.abs(a[:, 1]) + 0.5 * steps * np.abs(j[:, 1]))
         )
-        wanted = np.maximum(steps / LONGEST, turn / WIDEST)
+        wanted = np.maximum(steps / LONGEST_PIECE, turn / LARGEST_TURN)
         parts = (
             np.ceil(wanted * (MOST_PIECES / max(float(wanted.sum()), MOST_PIECES)))
             .astype(int)
             .clip(1)
         )
     number = np.arange(parts.sum()) - np.repeat(np.cumsum(parts) - parts, parts)
-    t = np.repeat(steps / parts, parts)[:, None] * (number[:, None] + SHARES)  # (pieces, points)
+    t = np.repeat(steps / parts, parts)[:, None] * (
+        number[:, None] + GAUSS_NODES
+    )  # (pieces, points)
     pose, velocity, a, j, places = (
         *(np.repeat(part, parts, axis=0) for part in (pose, velocity, a, j)),
         pose[:, :2],
@@ -254,4 +258,4 @@ def _curve(
         poses = np.column_stack([np.clip(places.reshape(-1, 2), low, high), yaw])
         return ground.ground_rates(poses, rates).rates.reshape(places.shape)
 
-    return PlaceCurve.integrated(places, steps, parts, to_rates, chained=chained)
+    return PositionCurve.integrated(places, steps, parts, to_rates, chained=chained)

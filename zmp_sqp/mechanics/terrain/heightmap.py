@@ -26,7 +26,7 @@ __all__ = ["Heightmap"]
 RIM = 1e-3
 ORIGIN = (0.0, 0.0)
 LARGEST = 1e30  # [m, or of derivatives in metres] beyond it squares of products overflow
-MOST_PLACES = 200_000  # looked at under the tracks along a path, but at least two per edge and step
+MOST_POINTS = 200_000  # looked at under the tracks along a path, but at least two per edge and step
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -278,7 +278,7 @@ class Heightmap:
             0.0, 1.0, 2 + int(np.linalg.norm(corners, axis=1).max() / self.resolution)
         )
         wanted = 2 + int(np.linalg.norm(edges, axis=1).max() / self.resolution)
-        affordable = max(2, MOST_PLACES // (len(poses) * len(corners) * len(steps)))
+        affordable = max(2, MOST_POINTS // (len(poses) * len(corners) * len(steps)))
         shares = np.linspace(0.0, 1.0, min(wanted, affordable), endpoint=False)
         reach = (corners[:, None] + shares[:, None] * edges[:, None]).reshape(-1, 2)  # (U, 2)
         _, rotations = self.base_pose(poses)

@@ -11,7 +11,7 @@ import numpy as np
 
 from zmp_sqp.arrays import Array
 
-__all__ = ["multiply", "reciprocal_root"]
+__all__ = ["multiply", "reciprocal_sqrt"]
 
 # which first derivatives pair up in xx, xy, yy
 LEFT, RIGHT = np.array([1, 1, 2]), np.array([1, 2, 2])
@@ -33,7 +33,7 @@ def multiply(a: Array, b: Array) -> Array:
     return np.asarray(product)
 
 
-def reciprocal_root(a: Array) -> Array:
+def reciprocal_sqrt(a: Array) -> Array:
     r"""Jet of 1 / sqrt(a), for a > 0.
 
     .. math:: f = a^{-1/2}, \quad f' = -f^3/2, \quad f'' = 3 f^5/4

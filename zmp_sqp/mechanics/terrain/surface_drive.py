@@ -11,7 +11,7 @@ from zmp_sqp.mechanics.terrain.surface_frame import SurfaceFrame
 
 __all__ = ["drive_on_surface", "ground_rates_on_surface"]
 
-X, Y, YAW, W_S, W_YAW, A_S, A_YAW, SCALE = range(8)  # columns of the slopes
+X, Y, YAW, W_S, W_YAW, A_S, A_YAW, SCALE = range(8)  # columns of the jacobian
 
 
 def ground_rates_on_surface(frame: SurfaceFrame, yaw: Array, rates: Array) -> GroundRates:
@@ -26,14 +26,14 @@ def ground_rates_on_surface(frame: SurfaceFrame, yaw: Array, rates: Array) -> Gr
     """
     heading, turned = _headings(frame, yaw)
     speed = rates[:, 0]
-    slopes = np.zeros((2, 5, len(yaw)))
-    slopes[:, X], slopes[:, Y], slopes[:, YAW] = (
+    jacobian = np.zeros((2, 5, len(yaw)))
+    jacobian[:, X], jacobian[:, Y], jacobian[:, YAW] = (
         speed * heading[1],
         speed * heading[2],
         speed * turned,
     )
-    slopes[:, W_S] = heading[0]
-    return GroundRates(_state_first(speed * heading[0]), _state_first(slopes))
+    jacobian[:, W_S] = heading[0]
+    return GroundRates(_state_first(speed * heading[0]), _state_first(jacobian))
 
 
 def drive_on_surface(

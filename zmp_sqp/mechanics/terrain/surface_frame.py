@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from zmp_sqp.arrays import Array
-from zmp_sqp.mechanics.terrain.jet import multiply, reciprocal_root
+from zmp_sqp.mechanics.terrain.jet import multiply, reciprocal_sqrt
 
 __all__ = ["SurfaceFrame"]
 
@@ -50,7 +50,7 @@ class SurfaceFrame:
         gradient = jets[:, :2]
         norms = np.cumsum(multiply(gradient, gradient), axis=1)
         norms[0] += 1.0  # A^2, W^2
-        inverse = reciprocal_root(norms)  # 1/A, 1/W
+        inverse = reciprocal_sqrt(norms)  # 1/A, 1/W
         # p/A, r/A, A
         by_a = multiply(np.concatenate([gradient, norms[:, :1]], axis=1), inverse[:, :1])
         # p/W, r/(AW), A/W

@@ -18,7 +18,7 @@ from zmp_sqp.mechanics.bounds.wrench_bounds import (
 from zmp_sqp.mechanics.ground import GRAVITY, Ground
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.wrench import ground_reaction
-from zmp_sqp.motion.root_motion import check_tracks, followed, root_motion, root_motion_bounds
+from zmp_sqp.motion.root_motion import check_tracks, root_motion, root_motion_bounds, with_ground
 from zmp_sqp.motion.trajectory import Trajectory
 from zmp_sqp.planning.problem.unicycle_base import UnicycleBase
 from zmp_sqp.planning.proof.base_check import check_base
@@ -147,7 +147,7 @@ def certify(
             produce.
     """
     check_arguments(machine, trajectory, ground)
-    trajectory = followed(trajectory, ground)
+    trajectory = with_ground(trajectory, ground)
     if trajectory.base is not None:
         check_tracks(trajectory.base, machine.support)  # type: ignore[arg-type]
     check_drift(trajectory)

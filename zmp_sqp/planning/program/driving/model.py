@@ -84,8 +84,8 @@ class DrivingModel:
             root_velocity=root.velocity,
             root_acceleration=root.acceleration,
         )
-        by_root = found.wrt_velocity[:, :, :6] @ root.velocity_slopes
-        by_root += found.wrt_acceleration[:, :, :6] @ root.acceleration_slopes  # (K, 6, 8)
+        by_root = found.wrt_velocity[:, :, :6] @ root.velocity_jacobian
+        by_root += found.wrt_acceleration[:, :, :6] @ root.acceleration_jacobian  # (K, 6, 8)
         parts = [
             found.wrt_position,
             np.zeros((len(q), 6, 1)),
@@ -110,8 +110,8 @@ class DrivingModel:
         pose[:, :2] = inside
         root = self.terrain.base_motion(pose, w[:, -2:], alpha[:, -2:], S)
         if off.any():
-            for slopes in (root.velocity_slopes, root.acceleration_slopes):
-                slopes[:, :, PLACE] *= ~off[:, None, :]
+            for jacobian in (root.velocity_jacobian, root.acceleration_jacobian):
+                jacobian[:, :, PLACE] *= ~off[:, None, :]
         return (
             root
             if self.machine.support is None
