@@ -149,7 +149,6 @@ LONGER = {  # functions that may be longer, with the reason
     "zmp_sqp.cli._parser": "to be split",
     "zmp_sqp.commands.check.add_check": "to be split",
     "zmp_sqp.mechanics.bounds.wrench_bounds.wrench_bounds": "to be split",
-    "zmp_sqp.motion.trajectory.from_csv": "to be split",
     "zmp_sqp.planning.closed_forms.base_bound.plan_base": "to be split",
     "zmp_sqp.planning.closed_forms.phase_plane.phase_plane": "to be split",
     "zmp_sqp.planning.closed_forms.slew.analytic_slew": "to be split",
