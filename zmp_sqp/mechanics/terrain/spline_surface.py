@@ -153,5 +153,5 @@ class SplineSurface:
         return np.column_stack([self._x.spans(points[:, 0]), self._y.spans(points[:, 1])])
 
     def pieces(self, axis: int, span: Indices, rim: float) -> tuple[Array, Array, Array]:
-        """Basis polynomials and ends of spans along x (axis 0) or y (axis 1), see `_Axis.pieces`."""
+        """Basis polynomials and ends of spans along x (axis 0) or y (1); see `_Axis.pieces`."""
         return (self._x, self._y)[axis].pieces(span, rim)

@@ -52,7 +52,7 @@ def load_machine(
             to the root link; if these span no polygon, the machine has no support.
         limits: Path of a joint_limits.yaml to be read instead of the one in the folder of the URDF;
             or a mapping such as {"acceleration": 0.4} or {"velocity": {"slew": 0.8}} that replaces
-            single limits of all these files.
+            single limits read from these files.
 
     Raises:
         MachineError: Invalid file, limits or support; the message names the file, and the link,
