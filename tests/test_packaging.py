@@ -159,9 +159,6 @@ LONGER = {  # functions that may be longer, with the reason
     "zmp_sqp.planning.search.planner.plan": "to be split",
     "zmp_sqp.show.plots.draw_loci": "to be split",
     "zmp_sqp.show.plots.plot_joints": "to be split",
-    "zmp_sqp.simulation.multibody.multibody_spec": "to be split",
-    "zmp_sqp.simulation.physics.replay": "to be split",
-    "zmp_sqp.simulation.pictures._furnish": "to be split",
     "zmp_sqp.sqp.solver.minimize": "to be split",
 }
 
