@@ -166,16 +166,16 @@ def drive(ground: Ground, start: Array, rates: Array, accelerations: Array, tick
     """Pose after |ticks| Runge-Kutta steps ahead or back in time with constant accelerations, shape (3,)."""
     pose, step = start.copy(), np.sign(ticks) * TICK
 
-    def slope(t: float, at: Array) -> Array:
+    def derivative(t: float, at: Array) -> Array:
         now = rates + accelerations * t
         return np.append(ground.ground_rates(at[None], now[None]).rates[0], now[1])
 
     for n in range(abs(ticks)):
         t = n * step
-        k1 = slope(t, pose)
-        k2 = slope(t + step / 2, pose + step / 2 * k1)
-        k3 = slope(t + step / 2, pose + step / 2 * k2)
-        pose = pose + step / 6 * (k1 + 2 * k2 + 2 * k3 + slope(t + step, pose + step * k3))
+        k1 = derivative(t, pose)
+        k2 = derivative(t + step / 2, pose + step / 2 * k1)
+        k3 = derivative(t + step / 2, pose + step / 2 * k2)
+        pose = pose + step / 6 * (k1 + 2 * k2 + 2 * k3 + derivative(t + step, pose + step * k3))
     return pose
 
 

@@ -58,7 +58,7 @@ class Terrain(Ground, Protocol):
 
     @property
     def uniform(self) -> bool:
-        """Whether the base moves alike at every (x, y), as it does on a plane."""
+        """Whether the motion of a base is independent of its position, as on a plane."""
         ...
 
     def derivative_bounds(self, low: Array, high: Array) -> Array:
@@ -153,7 +153,7 @@ class Slope:
 
     @property
     def uniform(self) -> bool:
-        """True: a base moves alike everywhere on a plane."""
+        """True: on a plane, the motion of a base is independent of its position."""
         return True
 
     def derivative_bounds(self, low: Array, high: Array) -> Array:

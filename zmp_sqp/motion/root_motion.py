@@ -135,7 +135,7 @@ def surface_bounds(base: UnicycleMotion, k: Indices, since: Array, length: Array
 
 
 def with_ground(trajectory: Trajectory, ground: Ground) -> Trajectory:
-    """Copy of a trajectory whose base, if it moves, drives on the given ground.
+    """Trajectory whose base, if it moves, drives on the given ground.
 
     Raises:
         ProblemError: No base can drive on this ground, or the base leaves the map.

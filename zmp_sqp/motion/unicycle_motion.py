@@ -28,7 +28,7 @@ BASE_COLUMNS = (
 # [m, rad, m/s, rad/s] largest difference between given poses or velocities and those that follow
 # from the accelerations; allows for files with rounded numbers
 CONSISTENCY = 1e-6
-PLANE = Slope()  # default ground; a base moves alike on all planes
+PLANE = Slope()  # default ground; for the motion of a base, all planes are equivalent
 PLANAR = " in a plane; if it drove over a heightmap, give that as its ground"  # end of a message
 # Over uneven ground the path is one polynomial per piece. A piece lasts at most LONGEST_PIECE [s]
 # and turns by at most LARGEST_TURN [rad], because the bound on its position error grows with the
@@ -145,7 +145,7 @@ class UnicycleMotion:
         return self._path.pieces
 
     def on(self, ground: Terrain) -> UnicycleMotion:
-        """Copy of this motion on other ground.
+        """This motion on the given ground.
 
         Raises:
             TrajectoryError: On this ground, the positions at the nodes do not follow from the

@@ -1,4 +1,4 @@
-"""Replays a motion in MuJoCo: joints follow the trajectory, the machine stands freely on ground."""
+"""Replays a motion in MuJoCo: the joints follow it, and the machine stands freely on its ground."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ class _Settings:
         if soft > 0.0 and contact_time(soft) < 2.0 * h:
             raise ProblemError(
                 f"a sinkage of {soft:g} m is too little for a time_step of {h:g} s: "
-                "shorten it, or give 0"
+                "shorten the time_step, or give 0"
             )
         return cls(h, rest, grip, soft)
 
