@@ -100,8 +100,8 @@ def corners(
             one is included, which is nearly always the worse one.
 
     Raises:
-        ProblemError: The uncertainty needs a payload, exactly one payload, or a Slope, and there is
-            none.
+        ProblemError: The payload is uncertain but there is none; its centre of mass is uncertain
+            but there is not exactly one payload; or the slope is uncertain but is no Slope.
     """
     box = np.zeros(3) if payload_com_uncertainty is None else payload_com_uncertainty
     loads = _with_displaced_payloads(
