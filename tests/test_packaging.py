@@ -148,22 +148,13 @@ LONGEST_FUNCTION = 60  # lines
 LONGER = {  # functions that may be longer, with the reason
     "zmp_sqp.cli._parser": "to be split",
     "zmp_sqp.commands.check.add_check": "to be split",
-    "zmp_sqp.mechanics.bounds.effort_bounds.wrench_bounds": "to be split",
-    "zmp_sqp.mechanics.uncertainty.corners": "to be split",
-    "zmp_sqp.motion.trajectory.from_csv": "to be split",
     "zmp_sqp.planning.closed_forms.base_bound.plan_base": "to be split",
     "zmp_sqp.planning.closed_forms.phase_plane.phase_plane": "to be split",
     "zmp_sqp.planning.closed_forms.slew.analytic_slew": "to be split",
     "zmp_sqp.planning.closed_forms.slew_circle.slew_insight": "to be split",
-    "zmp_sqp.planning.proof.certificate.certify": "to be split",
-    "zmp_sqp.planning.proof.certificate._stretches": "to be split",
     "zmp_sqp.planning.search.diagnosis.diagnose": "to be split",
-    "zmp_sqp.planning.search.planner.plan": "to be split",
     "zmp_sqp.show.plots.draw_loci": "to be split",
     "zmp_sqp.show.plots.plot_joints": "to be split",
-    "zmp_sqp.simulation.multibody.multibody_spec": "to be split",
-    "zmp_sqp.simulation.physics.replay": "to be split",
-    "zmp_sqp.simulation.pictures._furnish": "to be split",
     "zmp_sqp.sqp.solver.minimize": "to be split",
 }
 

@@ -1,4 +1,4 @@
-"""Checked, copied, write-protected arrays for the frozen values of this library."""
+"""Checks of numbers and arrays that users pass in, and read-only copies of them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from zmp_sqp.errors import ZmpSqpError
 
-LONGEST_SHOWN = 80  # characters of a value in a message
+LONGEST_SHOWN = 80  # [characters] of a value that an error message shows; the rest is cut
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
@@ -25,22 +25,23 @@ def frozen_array(
     finite: bool = True,
     labels: tuple[str, ...] = (),
 ) -> Array:
-    """Copy of `values` as float64 that nobody can write to.
+    """Read-only float64 copy of `values`, after a check of type, shape and finiteness.
 
     Args:
-        values: Anything NumPy turns into numbers.
-        name: What the message calls it.
+        values: Anything that NumPy can turn into numbers.
+        name: Name of the values in error messages.
         shape: Expected shape; None stands for any length.
-        error: What to raise.
+        error: Exception class to raise.
         finite: Whether NaN and infinity are refused.
-        labels: What the entries of the last axis are called, if they have names.
+        labels: Names of the entries along the last axis, for error messages; empty if they have
+            none.
 
     Raises:
         error: Not numbers, wrong shape, or not finite; the message names the first offending entry.
     """
     try:
         kind = np.asarray(values).dtype.kind
-        # NumPy would read booleans, texts, dates, what lies masked
+        # NumPy would convert booleans, texts, dates and masked entries without complaint
         if kind not in "iufO" or np.ma.is_masked(values):
             raise error(f"{name} must be numbers of shape {_spell(shape)}, not {shortened(values)}")
         array = np.array(values, dtype=np.float64, order="C")
@@ -61,10 +62,19 @@ def frozen_array(
 
 
 def finite_number(value: Any, *, name: str, error: type[ZmpSqpError]) -> float:
-    """`value` as a float; anything that is not one finite number raises `error` with `name` in the message."""
+    """Convert one finite number to a float.
+
+    Args:
+        value: What the user gave.
+        name: Name of the value in error messages.
+        error: Exception class to raise.
+
+    Raises:
+        error: Not a number, or not finite; the message contains `name`.
+    """
     if isinstance(value, np.ndarray) and value.ndim == 0:
         value = value[()]
-    # float would read texts as numbers
+    # float() would convert texts, too
     if not isinstance(value, Real) or isinstance(value, bool | np.bool_):
         raise error(f"{name} must be a number, not {shortened(value)}")
     try:
@@ -77,11 +87,12 @@ def finite_number(value: Any, *, name: str, error: type[ZmpSqpError]) -> float:
 
 
 def shortened(value: Any) -> str:
-    """What messages show of a value that may be anything: one line, not too long."""
+    """Any value as one line of at most about `LONGEST_SHOWN` characters, for error messages."""
     text = " ".join(repr(value).split())
     return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}..."
 
 
 def _spell(shape: tuple[int | None, ...]) -> str:
+    """Shape as text, with "any" for a length that is free: (any, 3)."""
     inner = ", ".join("any" if length is None else str(length) for length in shape)
     return f"({inner},)" if len(shape) == 1 else f"({inner})"

@@ -1,4 +1,8 @@
-"""Exceptions: misuse raises one at once; a well-posed problem without a solution is a status."""
+"""Exceptions of this library.
+
+Wrong input raises one of these at once. A well-posed problem for which no motion was found raises
+nothing: the returned plan says so in its status.
+"""
 
 __all__ = [
     "ContactLost",
@@ -13,32 +17,32 @@ __all__ = [
 
 
 class ZmpSqpError(Exception):
-    """Base class of every error that this library raises on purpose."""
+    """Base class of all exceptions that this library raises on purpose."""
 
 
 class MachineError(ZmpSqpError):
-    """The machine's description cannot be used: URDF, limits, payload or support polygon."""
+    """A machine, or part of its description, is invalid: URDF, limits, payload, support, ground."""
 
 
 class ProblemError(ZmpSqpError):
-    """The planning problem contradicts itself or its machine."""
+    """A planning problem contradicts itself, its machine or its ground."""
 
 
 class TrajectoryError(ZmpSqpError):
-    """A trajectory, or a file of one, cannot be used."""
+    """A trajectory, or the file that should contain one, is invalid."""
 
 
 class ScenarioError(ZmpSqpError):
-    """A scenario file cannot be read; the message names the key."""
+    """A scenario file is invalid; the message names the key."""
 
 
 class ContactLost(ZmpSqpError):
-    """The ground would have to pull (n . f <= 0): there is no zero moment point."""
+    """The ground would have to pull at the machine (n . f <= 0), so no zero moment point exists."""
 
 
 class MissingExtra(ZmpSqpError):
-    """An optional package is not installed; the message says how to install it."""
+    """An optional package is missing or does not work here; the message says what to install."""
 
 
 class NotSolved(ZmpSqpError):
-    """The trajectory of an unsuccessful plan was asked for; the message is the plan's diagnosis."""
+    """An unsuccessful plan was asked for its trajectory; the message is the plan's diagnosis."""

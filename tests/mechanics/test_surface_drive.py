@@ -102,7 +102,7 @@ def ground_named(name: str, rolling: Heightmap) -> Ground:
     return {"slope": slope, "plane": plane(slope), "rolling": rolling}[name]
 
 
-def assert_slopes(found: Array, function: Callable[[Array], Array], variables: Array) -> None:
+def assert_jacobian(found: Array, function: Callable[[Array], Array], variables: Array) -> None:
     """Compare (K, m, n) derivatives with central differences by each of the n columns of (K, n) variables."""
     # of each row: angular ones are small beside gravity
     scale = np.maximum(np.abs(found).max(axis=(0, 2)), 0.1)
@@ -116,7 +116,9 @@ def assert_slopes(found: Array, function: Callable[[Array], Array], variables: A
 
 
 @pytest.mark.parametrize("name", GROUNDS)
-def test_slopes_of_the_base_motion_are_those_of_differences(name: str, rolling: Heightmap) -> None:
+def test_derivatives_of_the_base_motion_are_those_of_differences(
+    name: str, rolling: Heightmap
+) -> None:
     ground = ground_named(name, rolling)
     pose, rates, accelerations = random_drive(COUNT, seed=3)
     scale = np.full((COUNT, 1), 7.0)  # S is one number for all states
@@ -129,18 +131,20 @@ def test_slopes_of_the_base_motion_are_those_of_differences(name: str, rolling: 
         )
         return moved.velocity, moved.acceleration
 
-    assert_slopes(motion.velocity_slopes, lambda values: at(values)[0], variables)
-    assert_slopes(motion.acceleration_slopes, lambda values: at(values)[1], variables)
+    assert_jacobian(motion.velocity_jacobian, lambda values: at(values)[0], variables)
+    assert_jacobian(motion.acceleration_jacobian, lambda values: at(values)[1], variables)
 
 
 @pytest.mark.parametrize("name", GROUNDS)
-def test_slopes_of_the_ground_rates_are_those_of_differences(name: str, rolling: Heightmap) -> None:
+def test_derivatives_of_the_ground_rates_are_those_of_differences(
+    name: str, rolling: Heightmap
+) -> None:
     ground = ground_named(name, rolling)
     pose, rates, _ = random_drive(COUNT, seed=3)
-    slopes = ground.ground_rates(pose, rates).slopes
+    jacobian = ground.ground_rates(pose, rates).jacobian
     variables = np.hstack([pose, rates])
-    assert_slopes(
-        slopes, lambda values: ground.ground_rates(values[:, :3], values[:, 3:]).rates, variables
+    assert_jacobian(
+        jacobian, lambda values: ground.ground_rates(values[:, :3], values[:, 3:]).rates, variables
     )
 
 
@@ -162,16 +166,16 @@ def drive(ground: Ground, start: Array, rates: Array, accelerations: Array, tick
     """Pose after |ticks| Runge-Kutta steps ahead or back in time with constant accelerations, shape (3,)."""
     pose, step = start.copy(), np.sign(ticks) * TICK
 
-    def slope(t: float, at: Array) -> Array:
+    def derivative(t: float, at: Array) -> Array:
         now = rates + accelerations * t
         return np.append(ground.ground_rates(at[None], now[None]).rates[0], now[1])
 
     for n in range(abs(ticks)):
         t = n * step
-        k1 = slope(t, pose)
-        k2 = slope(t + step / 2, pose + step / 2 * k1)
-        k3 = slope(t + step / 2, pose + step / 2 * k2)
-        pose = pose + step / 6 * (k1 + 2 * k2 + 2 * k3 + slope(t + step, pose + step * k3))
+        k1 = derivative(t, pose)
+        k2 = derivative(t + step / 2, pose + step / 2 * k1)
+        k3 = derivative(t + step / 2, pose + step / 2 * k2)
+        pose = pose + step / 6 * (k1 + 2 * k2 + 2 * k3 + derivative(t + step, pose + step * k3))
     return pose
 
 

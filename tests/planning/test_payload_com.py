@@ -48,7 +48,9 @@ def test_a_moved_payload_is_that_payload_put_elsewhere() -> None:
     for kind in (lambda loaded: loaded, zs.Machine.with_point_masses):
         found = zs.zmp(kind(tree).with_payload_moved((0.1, -0.3, -0.4)), q, v, a, LEFT)
         np.testing.assert_allclose(found, zs.zmp(kind(there), q, v, a, LEFT), atol=SAME)
-    with pytest.raises(zs.MachineError, match="carries 0 payloads; to move one needs just one"):
+    with pytest.raises(
+        zs.MachineError, match="carries 0 payloads; only a single payload can be moved"
+    ):
         bare.with_payload_moved((0.1, 0.0, 0.0))
     with pytest.raises(zs.MachineError, match="payload offset"):
         tree.with_payload_moved((0.1, np.nan, 0.0))

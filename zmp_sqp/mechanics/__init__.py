@@ -1,4 +1,8 @@
-"""From a URDF to the ground reaction wrench and the zero moment point, with derivatives. Knows no optimisation."""
+"""Mechanics: from a URDF to the ground reaction wrench and the zero moment point (ZMP).
+
+Machine, payload, ground and support polygon, with all derivatives that planning needs. Nothing in
+here depends on optimisation.
+"""
 
 from zmp_sqp.mechanics.ground import GRAVITY, Ground, Slope, Terrain
 from zmp_sqp.mechanics.ground_motion import GroundMotion, GroundRates

@@ -1,4 +1,4 @@
-"""Planning coordinates: the joints themselves, or fewer of them that drive the joints linearly."""
+"""Planning coordinates: the joint coordinates, or a smaller set that drives them linearly."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ __all__ = ["Coordinates"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coordinates:
-    r"""Affine map from m coordinates to n joints.
+    r"""Affine map from m planning coordinates y to n joint coordinates q.
 
     .. math:: q = q_0 + G y, \quad v = G \dot y, \quad a = G \ddot y
 
-    Every joint follows at most one coordinate, so limits of the joints are limits of the
+    Each joint follows at most one coordinate, so that joint limits are simple bounds on the
     coordinates.
 
     Attributes:
-        origin: q_0, shape (n,).
-        G: Shape (n, m), at most one entry per row.
+        origin: Joint coordinates q_0 at y = 0, shape (n,) [rad or m].
+        G: Constant Jacobian dq/dy with at most one nonzero entry per row, shape (n, m).
     """
 
     origin: Array
@@ -31,7 +31,7 @@ class Coordinates:
 
     @classmethod
     def identity(cls, size: int) -> Coordinates:
-        """The joints themselves."""
+        """Coordinates that are the `size` joint coordinates: q_0 = 0, G = I."""
         return cls(np.zeros(size), np.eye(size))
 
     @property
@@ -40,23 +40,23 @@ class Coordinates:
         return int(self.G.shape[1])
 
     def joints(self, y: Array) -> Array:
-        """Joint coordinates, shape (..., n)."""
+        """Joint coordinates q of coordinates y (..., m), shape (..., n) [rad or m]."""
         return np.asarray(self.origin + y @ self.G.T)
 
     def rates(self, w: Array) -> Array:
-        """Joint rates, or accelerations, of those of the coordinates, shape (..., n)."""
+        """Joint rates G w of coordinate rates w (..., m), or accelerations; shape (..., n)."""
         return np.asarray(w @ self.G.T)
 
     def coordinates_of(self, q: Array) -> Array:
-        """Coordinates of joint coordinates that lie in the map's range, shape (m,)."""
+        """Coordinates y of joint coordinates q (n,) in the range of the map, shape (m,)."""
         return np.asarray(np.linalg.lstsq(self.G, q - self.origin, rcond=None)[0])
 
     def rates_of(self, v: Array) -> Array:
-        """Rates of the coordinates, shape (m,)."""
+        """Coordinate rates of joint rates v (n,) in the range of G, shape (m,)."""
         return np.asarray(np.linalg.lstsq(self.G, v, rcond=None)[0])
 
     def limits(self, joints: JointLimits) -> JointLimits:
-        """The tightest limits that the driven joints put on each coordinate."""
+        """Tightest limits that the joints place on each coordinate; effort limits are NaN."""
         drive = np.where(self.G == 0.0, np.nan, self.G)  # (n, m)
         sides = np.stack(
             [

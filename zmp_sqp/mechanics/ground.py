@@ -1,4 +1,4 @@
-"""The ground under the machine: the direction of gravity, and how a tracked base moves on it."""
+"""Ground under the machine: the direction of gravity, and how a tracked base moves on it."""
 
 from __future__ import annotations
 
@@ -14,84 +14,123 @@ from zmp_sqp.mechanics.support import SupportPolygon
 
 __all__ = ["CLEARANCE", "GRAVITY", "Ground", "Slope", "Terrain", "terrain_of"]
 
-GRAVITY = 9.81  # [m/s^2], the constant of Song & Sharf 2020
-# [m], our choice: ground that departs less than this from the tracks' plane carries them all the
-# same
+GRAVITY = 9.81  # [m/s^2] magnitude of gravity, as in Song & Sharf 2020
+# [m] largest distance between the ground and the plane of the tracks at which the tracks still
+# count as carried over their whole length; our choice
 CLEARANCE = 0.1
 
 
 @runtime_checkable
 class Ground(Protocol):
-    """Anything that can say how the machine stands on it."""
+    """Ground on which a machine can stand: it gives gravity in the machine's root frame."""
 
     def gravity(self, yaw: float = 0.0) -> Array:
-        """Gravity in the root frame of a machine at x = y = 0 with heading `yaw` [rad], shape (3,) [m/s^2]."""
+        """Gravity in the root frame of a machine at x = y = 0, shape (3,) [m/s^2].
+
+        Args:
+            yaw: Heading of the machine [rad].
+        """
         ...
 
 
 @runtime_checkable
 class Terrain(Ground, Protocol):
-    """Ground that a base can drive on.
+    """Ground on which a base can drive.
 
-    The base is a unicycle: its pose is (x, y, yaw) in ground coordinates, its rates (w_s, w_yaw)
-        are the speed along
-    the heading and the rate of the yaw, its accelerations (a_s, a_yaw) the rates of these. With S =
-    T^2 they may be in normalised time (rates times T, accelerations times T^2); with S = 1 they are
-    in seconds.
+    The base moves as a unicycle:
+
+    - its pose is (x, y, yaw) in the ground frame [m, m, rad];
+    - its rates (w_s, w_yaw) are the speed along its heading and the yaw rate;
+    - its accelerations (a_s, a_yaw) are the time derivatives of these rates.
+
+    With a time scale S = T^2, rates and accelerations are in normalised time: rates in seconds
+    times T, accelerations times T^2. With S = 1 they are in seconds.
     """
 
     @property
     def extent(self) -> Array:
-        """Where the base may be: lowest and highest (x, y), shape (2, 2) [m]; infinite if anywhere."""
+        """Lowest and highest (x, y) that the ground covers, shape (2, 2) [m]; may be infinite."""
         ...
 
-    def check_on(self, places: Array) -> None:
-        """Raise ProblemError where the first of `places` (K, 2) lies off the map."""
+    def check_on(self, positions: Array) -> None:
+        """Raise ProblemError if any of `positions`, shape (K, 2) [m], lies off the ground."""
         ...
 
     @property
     def uniform(self) -> bool:
-        """Whether it is the same everywhere, so that a base's motion does not depend on its place."""
+        """Whether the motion of a base is independent of its position, as on a plane."""
         ...
 
     def derivative_bounds(self, low: Array, high: Array) -> Array:
-        """Steepest slope and norms of the second to fifth derivative of the height in boxes (K, 2), shape (5, K)."""
+        """Bounds on the first five derivatives of the height h(x, y) over K boxes.
+
+        Args:
+            low: Lowest (x, y) of each box, shape (K, 2) [m].
+            high: Highest (x, y) of each box, shape (K, 2) [m].
+
+        Returns:
+            Norms of the k-th derivatives, k = 1..5, shape (5, K) [m^(1 - k)]; the first is the
+            steepest gradient.
+        """
         ...
 
     def base_pose(self, pose: Array) -> tuple[Array, Array]:
-        """Root of a base at `pose` (K, 3) in the ground frame: positions (K, 3) [m] and rotations (K, 3, 3)."""
+        """Position (K, 3) [m] and rotation (K, 3, 3) of the root in the ground frame.
+
+        Args:
+            pose: (x, y, yaw) of the base, shape (K, 3) [m, m, rad].
+        """
         ...
 
     def ground_rates(self, pose: Array, rates: Array) -> GroundRates:
-        """Rates of x and y at `pose` (K, 3) and `rates` (K, 2)."""
+        """Rates of x and y of a base that drives, with derivatives.
+
+        Args:
+            pose: (x, y, yaw) of the base, shape (K, 3) [m, m, rad].
+            rates: (w_s, w_yaw), shape (K, 2) [m/s, rad/s].
+        """
         ...
 
     def base_motion(
         self, pose: Array, rates: Array, accelerations: Array, S: float = 1.0
     ) -> GroundMotion:
-        """Motion of the root at `pose` (K, 3), `rates` (K, 2) and `accelerations` (K, 2)."""
+        """Twist and acceleration of the root of a base that drives, with derivatives.
+
+        Args:
+            pose: (x, y, yaw) of the base, shape (K, 3) [m, m, rad].
+            rates: (w_s, w_yaw), shape (K, 2) [m/s, rad/s].
+            accelerations: (a_s, a_yaw), shape (K, 2) [m/s^2, rad/s^2].
+            S: Square T^2 of the time scale; 1 in seconds.
+        """
         ...
 
     def check_followable(
         self, support: SupportPolygon, poses: Array, *, clearance: float = CLEARANCE
     ) -> None:
-        """Raise ProblemError where the ground departs from the tracks' plane by more than `clearance` [m]."""
+        """Raise ProblemError where the ground is too uneven for the tracks.
+
+        Args:
+            support: Support polygon of the tracks, root frame.
+            poses: (x, y, yaw) of the base along its path, shape (P, 3) [m, m, rad].
+            clearance: Largest distance allowed between the ground and the plane of the tracks [m].
+        """
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Slope:
-    """A plane, level unless it is tilted (REP-103: x forward, y left, z up).
+    """Inclined plane, level by default (axes of REP-103: x forward, y left, z up).
 
-    The ground frame lies in the plane: its z axis is the normal, and a base at yaw = 0 has its
-        axes.
+    The x and y axes of the ground frame lie in the plane and its z axis is the plane's normal. The
+    root frame of a base at yaw = 0 is parallel to the ground frame.
 
     Attributes:
-        roll: Tilt about the machine's x axis [rad]; negative leans it to its left.
-        pitch: Tilt about its y axis [rad]; positive points its nose down.
+        roll: Tilt about the x axis of a machine at yaw = 0 [rad]; negative leans the machine to its
+            left.
+        pitch: Tilt about the y axis of a machine at yaw = 0 [rad]; positive points its nose down.
 
     Raises:
-        MachineError: Not finite, or a quarter turn or more.
+        MachineError: An angle that is not finite, or not within +-pi/2.
     """
 
     roll: float = 0.0
@@ -106,19 +145,19 @@ class Slope:
 
     @property
     def extent(self) -> Array:
-        """The plane is endless: lowest and highest (x, y) are infinite, shape (2, 2) [m]."""
+        """Lowest and highest (x, y), infinite because the plane is; shape (2, 2) [m]."""
         return np.array([[-np.inf, -np.inf], [np.inf, np.inf]])
 
-    def check_on(self, places: Array) -> None:
-        """Do nothing: the plane is endless."""
+    def check_on(self, positions: Array) -> None:
+        """Do nothing: the plane is infinite, so that every position is on it."""
 
     @property
     def uniform(self) -> bool:
-        """A plane is the same everywhere."""
+        """True: on a plane, the motion of a base is independent of its position."""
         return True
 
     def derivative_bounds(self, low: Array, high: Array) -> Array:
-        """Zero: in the ground frame, which lies in the plane, it has no height; shape (5, K)."""
+        """Zeros of shape (5, K): in the ground frame, the plane is z = 0."""
         return np.zeros((5, len(low)))
 
     def gravity(self, yaw: float = 0.0) -> Array:
@@ -126,8 +165,8 @@ class Slope:
 
         .. math:: (R_y(pitch) R_x(roll) R_z(yaw))^T (0, 0, -g)
 
-        The heading turns within the plane, so at yaw = 0 the machine leans by just this roll and
-        pitch (the angles of Song & Sharf 2020, Section II, in REP-103 axes).
+        The heading turns the machine within the plane; at yaw = 0 the machine itself has this roll
+        and pitch (the angles of Song & Sharf 2020, Section II, in REP-103 axes).
 
         Args:
             yaw: Heading in the plane [rad].
@@ -138,14 +177,13 @@ class Slope:
         return np.asarray(self.gravity_at_yaws(np.array([yaw]))[0])
 
     def base_pose(self, pose: Array) -> tuple[Array, Array]:
-        r"""Where the root is and how it is turned: :math:`(x, y, 0), \; R_z(yaw)`.
+        r"""Position :math:`(x, y, 0)` and rotation :math:`R_z(yaw)` of the root, ground frame.
 
         Args:
-            pose: (x, y, yaw) in the ground frame, shape (K, 3) [m, rad].
+            pose: (x, y, yaw) in the ground frame, shape (K, 3) [m, m, rad].
 
         Returns:
-            Positions (K, 3) [m] and rotations from the root frame (K, 3, 3), both in the ground
-            frame.
+            Positions (K, 3) [m] and rotations from the root frame to the ground frame (K, 3, 3).
         """
         cos, sin = np.cos(pose[:, 2]), np.sin(pose[:, 2])
         rotations = np.zeros((len(pose), 3, 3))
@@ -155,31 +193,33 @@ class Slope:
         return pose * [1.0, 1.0, 0.0], rotations
 
     def ground_rates(self, pose: Array, rates: Array) -> GroundRates:
-        r"""Rates of the coordinates in the plane, :math:`w_s (\cos yaw, \sin yaw)`.
+        r"""Rates of x and y in the plane, :math:`w_s (\cos yaw, \sin yaw)`.
 
         Args:
-            pose: (x, y, yaw), shape (K, 3) [m, rad].
+            pose: (x, y, yaw), shape (K, 3) [m, m, rad].
             rates: Speed along the heading and yaw rate, shape (K, 2) [m/s, rad/s].
         """
         yaw, speed = pose[:, 2], rates[:, 0]
         heading = np.column_stack([np.cos(yaw), np.sin(yaw)])
-        slopes = np.zeros((len(pose), 2, 5))
-        slopes[:, 0, 2], slopes[:, 1, 2] = -speed * heading[:, 1], speed * heading[:, 0]
-        slopes[:, :, 3] = heading
-        return GroundRates(speed[:, None] * heading, slopes)
+        jacobian = np.zeros((len(pose), 2, 5))
+        jacobian[:, 0, 2], jacobian[:, 1, 2] = -speed * heading[:, 1], speed * heading[:, 0]
+        jacobian[:, :, 3] = heading
+        return GroundRates(speed[:, None] * heading, jacobian)
 
     def base_motion(
         self, pose: Array, rates: Array, accelerations: Array, S: float = 1.0
     ) -> GroundMotion:
         r"""Motion of the root of a unicycle in the plane, with its derivatives.
 
+        The twist and the spatial acceleration minus gravity are, in the root frame,
+
         .. math:: (w_s, 0, 0, 0, 0, w_{yaw}), \quad (a_s, 0, 0, 0, 0, a_{yaw}) - S (g(yaw), 0)
 
         Args:
-            pose: (x, y, yaw), shape (K, 3) [m, rad].
-            rates: Speed along the heading and yaw rate, shape (K, 2) [m/s, rad/s].
-            accelerations: Their rates, shape (K, 2) [m/s^2, rad/s^2].
-            S: Square of the time scale; 1 in seconds.
+            pose: (x, y, yaw), shape (K, 3) [m, m, rad].
+            rates: Speed w_s along the heading and yaw rate w_yaw, shape (K, 2) [m/s, rad/s].
+            accelerations: Rates (a_s, a_yaw) of these, shape (K, 2) [m/s^2, rad/s^2].
+            S: Square T^2 of the time scale; 1 in seconds.
         """
         count = len(pose)
         gravity = self.gravity_at_yaws(pose[:, 2])
@@ -188,15 +228,15 @@ class Slope:
         acceleration[:, :3] = -S * gravity
         acceleration[:, 0] += accelerations[:, 0]
         acceleration[:, 5] = accelerations[:, 1]
-        velocity_slopes, acceleration_slopes = np.zeros((2, count, 6, 8))
-        velocity_slopes[:, 0, 3] = velocity_slopes[:, 5, 4] = 1.0
-        acceleration_slopes[:, 0, 5] = acceleration_slopes[:, 5, 6] = 1.0
-        acceleration_slopes[:, 0, 2], acceleration_slopes[:, 1, 2] = (
+        velocity_jacobian, acceleration_jacobian = np.zeros((2, count, 6, 8))
+        velocity_jacobian[:, 0, 3] = velocity_jacobian[:, 5, 4] = 1.0
+        acceleration_jacobian[:, 0, 5] = acceleration_jacobian[:, 5, 6] = 1.0
+        acceleration_jacobian[:, 0, 2], acceleration_jacobian[:, 1, 2] = (
             -S * gravity[:, 1],
             S * gravity[:, 0],
         )
-        acceleration_slopes[:, :3, 7] = -gravity
-        return GroundMotion(velocity, acceleration, velocity_slopes, acceleration_slopes)
+        acceleration_jacobian[:, :3, 7] = -gravity
+        return GroundMotion(velocity, acceleration, velocity_jacobian, acceleration_jacobian)
 
     def check_followable(
         self, support: SupportPolygon, poses: Array, *, clearance: float = CLEARANCE
@@ -204,7 +244,7 @@ class Slope:
         """Do nothing: tracks follow a plane everywhere."""
 
     def gravity_at_yaws(self, yaw: Array) -> Array:
-        """As `gravity`, at headings (K,) in the plane, shape (K, 3) [m/s^2]."""
+        """Gravity in the root frame at headings `yaw` (K,) [rad], shape (K, 3) [m/s^2]."""
         lean = np.cos(self.pitch)
         x, y, z = np.sin(self.pitch), -lean * np.sin(self.roll), -lean * np.cos(self.roll)
         cos, sin = np.cos(yaw), np.sin(yaw)
@@ -214,10 +254,10 @@ class Slope:
 
 
 def terrain_of(ground: Ground) -> Terrain:
-    """The ground, for a base to drive on.
+    """Return the ground as a `Terrain`, on which a base can drive.
 
     Raises:
-        ProblemError: No base can.
+        ProblemError: The ground only carries a machine that stands still.
     """
     if not isinstance(ground, Terrain):
         raise ProblemError(

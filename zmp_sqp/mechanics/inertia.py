@@ -1,4 +1,4 @@
-"""Whether three numbers can be the principal moments of inertia of a body."""
+"""Check that a rotational inertia is physically possible."""
 
 from __future__ import annotations
 
@@ -11,24 +11,28 @@ from zmp_sqp.errors import MachineError
 
 __all__ = ["checked_inertia"]
 
-# share of the largest moment that CAD exports lose to rounding (thin plates: Ixx + Iyy = Izz)
+# largest violation of the triangle inequality that counts as rounding of a CAD export, as a
+# fraction of the largest moment (a thin plate has I_1 + I_2 = I_3 exactly)
 ROUNDING = 1e-3
-SYMMETRY = 1e-9  # share of the largest entry by which mirrored entries may differ
+# largest difference of mirrored entries, as a fraction of the largest entry
+SYMMETRY = 1e-9
 
 
 def checked_inertia(values: Any, *, name: str, semidefinite: bool = False) -> Array:
-    r"""Rotational inertia that a body can have.
+    r"""Read-only copy of a rotational inertia, after a check that some body can have it.
 
     .. math:: I = I^T, \quad I_1, I_2, I_3 > 0, \quad I_i + I_j \geq I_k
 
+    with the principal moments I_1, I_2, I_3.
+
     Args:
         values: Rotational inertia about the centre of mass, shape (3, 3) [kg m^2].
-        name: What the message calls it.
-        semidefinite: Whether zero moments are allowed: a slender stem has none about its axis.
+        name: Name of the inertia in error messages.
+        semidefinite: Whether zero moments are allowed (a thin rod has none about its own axis).
 
     Raises:
-        MachineError: Not numbers, not symmetric, not positive definite, or against the triangle
-            inequality.
+        MachineError: Not numbers, not symmetric, not positive (semi-)definite, or in violation of
+            the triangle inequality.
     """
     inertia = frozen_array(values, name=name, shape=(3, 3), error=MachineError)
     scale = float(np.abs(inertia).max())
@@ -36,7 +40,7 @@ def checked_inertia(values: Any, *, name: str, semidefinite: bool = False) -> Ar
         raise MachineError(f"{name} must be symmetric, not {inertia.tolist()}")
     moments = np.linalg.eigvalsh(inertia)  # ascending
     spelled = ", ".join(f"{moment:.6g}" for moment in moments)
-    rounding = 1e-12 * scale  # of eigvalsh
+    rounding = 1e-12 * scale  # error of eigvalsh
     if moments[0] < -rounding or (moments[0] <= rounding and not semidefinite):
         kind = "semi-definite" if semidefinite else "definite"
         raise MachineError(
@@ -44,7 +48,7 @@ def checked_inertia(values: Any, *, name: str, semidefinite: bool = False) -> Ar
         )
     if moments[0] + moments[1] < moments[2] * (1.0 - ROUNDING):
         raise MachineError(
-            f"{name} violates the triangle inequality: of its principal moments {spelled} kg m^2 the largest is more "
-            "than the sum of the others, so no distribution of mass has it"
+            f"{name} violates the triangle inequality: of its principal moments {spelled} kg m^2 "
+            "the largest is more than the sum of the others, so no distribution of mass has it"
         )
     return inertia

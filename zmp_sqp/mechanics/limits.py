@@ -1,4 +1,4 @@
-"""Joint limits: position, velocity, acceleration and effort, with NaN for what nobody has given."""
+"""Joint limits: position, velocity, acceleration and effort; NaN marks a limit not given."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ __all__ = ["JointLimits"]
 POSITIONS = ("position_lower", "position_upper")
 RATES = ("velocity", "acceleration", "effort")
 KEYS = POSITIONS + RATES
-NEEDED = (*POSITIONS, "velocity", "acceleration")  # effort limits only matter to who asks for them
+NEEDED = (*POSITIONS, "velocity", "acceleration")  # limits that planning cannot do without
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointLimits:
-    """What n joints may do; NaN stands for a limit that nobody has given.
+    """Limits of n joints; NaN marks a limit that is not given.
 
     Attributes:
-        position_lower: Lowest joint coordinates, -inf where there is no end (continuous joints),
+        position_lower: Lowest joint coordinates, -inf where there is no limit (continuous joints),
             shape (n,) [rad or m].
-        position_upper: Highest joint coordinates, +inf where there is no end, shape (n,) [rad or
+        position_upper: Highest joint coordinates, +inf where there is no limit, shape (n,) [rad or
             m].
         velocity: Largest rates in either direction, shape (n,) [rad/s or m/s].
         acceleration: Largest accelerations in either direction, shape (n,) [rad/s^2 or m/s^2].
         effort: Largest torques or forces in either direction, shape (n,) [N m or N].
 
     Raises:
-        MachineError: Shapes differ, a limit is not positive and finite, or a lower limit is above
-            its upper one.
+        MachineError: Shapes differ; a velocity, acceleration or effort limit is not positive and
+            finite; or a lower limit is above the upper one.
     """
 
     position_lower: Array
@@ -56,22 +56,22 @@ class JointLimits:
         _check({key: getattr(self, key) for key in KEYS}, range(lengths["velocity"]))
 
     def followed_by(self, more: JointLimits) -> JointLimits:
-        """These limits, then those of more coordinates."""
+        """Limits of these n joints, followed by those of `more` joints."""
         return JointLimits(
             *(np.concatenate([getattr(self, key), getattr(more, key)]) for key in KEYS)
         )
 
     def updated(self, changes: Mapping[str, Any], joint_names: Sequence[str]) -> JointLimits:
-        """The same limits with some replaced.
+        """Copy of these limits in which some are replaced.
 
         Args:
-            changes: From limit names (the attributes of this class) to a scalar for all joints,
-                shape (n,), or a mapping from joint names to numbers; joints that such a mapping
-                leaves out keep what they have.
+            changes: Mapping from names of limits (the attributes of this class) to a scalar for all
+                joints, an array of shape (n,), or a mapping from joint names to numbers. Joints
+                that such a mapping does not name keep their limits.
             joint_names: Names of the n joints.
 
         Raises:
-            MachineError: Unknown limit or joint (the message lists those there are), not a number,
+            MachineError: Unknown limit or joint (the message lists the known ones), not a number,
                 not positive and finite, or lower above upper.
         """
         if not isinstance(changes, Mapping):
@@ -80,13 +80,15 @@ class JointLimits:
             )
         if len(joint_names) != len(self.velocity):
             raise MachineError(
-                f"limits of {len(self.velocity)} joints cannot be updated by names of {len(joint_names)}"
+                f"limits of {len(self.velocity)} joints cannot be updated by names of "
+                f"{len(joint_names)}"
             )
         values = {key: np.array(getattr(self, key)) for key in KEYS}
         for key, change in changes.items():
             if key not in values:
                 raise MachineError(
-                    f"unknown limit {key!r}; limits are {', '.join(KEYS)}{_turned(key, joint_names)}"
+                    f"unknown limit {key!r}; limits are {', '.join(KEYS)}"
+                    f"{_hint_on_order(key, joint_names)}"
                 )
             columns, numbers = _spread(key, change, joint_names)
             if np.isnan(numbers).any():
@@ -99,11 +101,15 @@ class JointLimits:
         return JointLimits(**values)
 
     def missing(self, joint_names: Sequence[str]) -> dict[str, tuple[str, ...]]:
-        """Which joints lack which of the limits that planning needs.
+        """Limits that planning needs but that are not given.
+
+        Args:
+            joint_names: Names of the n joints.
 
         Returns:
-            From limit names ('position_lower', 'position_upper', 'velocity', 'acceleration') to the
-            names of the joints that lack it; empty where nothing is missing.
+            Mapping from names of limits ('position_lower', 'position_upper', 'velocity',
+            'acceleration') to the names of the joints that lack this limit; empty if none is
+            missing.
         """
         lacking = {key: np.flatnonzero(np.isnan(getattr(self, key))).tolist() for key in NEEDED}
         return {
@@ -111,21 +117,22 @@ class JointLimits:
         }
 
 
-def _turned(key: str, joint_names: Sequence[str]) -> str:
-    """What to write instead where a joint stands in the place of a limit; empty where none does."""
+def _hint_on_order(key: str, joint_names: Sequence[str]) -> str:
+    """Hint for users who wrote {joint: {limit: ...}}; empty if `key` is not the name of a joint."""
     if key not in joint_names:
         return ""
     return f"; {key!r} is a joint: the limit comes first, as in {{'velocity': {{{key!r}: 0.8}}}}"
 
 
 def _spread(key: str, change: Any, joint_names: Sequence[str]) -> tuple[list[int], Array]:
-    """Which columns a change concerns, and its number for each of them."""
+    """Indices of the joints that a change concerns, and the new limit of each of them."""
     everyone = list(range(len(joint_names)))
     if isinstance(change, Mapping):
         for name in change:
             if name not in joint_names:
                 raise MachineError(
-                    f"{_spell(key)} limit of unknown joint {name!r}; joints are {', '.join(joint_names)}"
+                    f"{_spell(key)} limit of unknown joint {name!r}; joints are "
+                    f"{', '.join(joint_names)}"
                 )
         numbers = [_number(key, name, value) for name, value in change.items()]
         return [list(joint_names).index(name) for name in change], np.array(
@@ -147,21 +154,26 @@ def _number(key: str, joint: str | None, value: Any) -> float:
     if isinstance(value, bool | np.bool_):
         raise MachineError(f"{name} must be a number, not {value!r}")
     if key in POSITIONS and isinstance(value, float | np.floating) and np.isinf(value):
-        return float(value)  # a joint without an end
+        return float(value)  # a joint without position limit
     return finite_number(value, name=name, error=MachineError)
 
 
 def _check(values: Mapping[str, Array], joints: Sequence[str] | range) -> None:
-    """NaN passes: every comparison with it is false."""
+    """Raise MachineError for limits that no joint can have.
+
+    NaN (not given) passes, because every comparison with NaN is false.
+    """
     for key in RATES:
         for i in np.flatnonzero((values[key] <= 0.0) | np.isinf(values[key])).tolist():
             raise MachineError(
-                f"{_spell(key)} limit of joint {joints[i]!r} must be positive and finite, not {values[key][i]}"
+                f"{_spell(key)} limit of joint {joints[i]!r} must be positive and finite, "
+                f"not {values[key][i]}"
             )
     lower, upper = values["position_lower"], values["position_upper"]
     for i in np.flatnonzero((lower > upper) | (lower == np.inf) | (upper == -np.inf)).tolist():
         raise MachineError(
-            f"joint {joints[i]!r}: lower position limit {lower[i]} and upper one {upper[i]} leave no room"
+            f"joint {joints[i]!r}: lower position limit {lower[i]} and upper one {upper[i]} "
+            "leave no room"
         )
 
 

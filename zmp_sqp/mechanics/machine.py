@@ -1,4 +1,4 @@
-"""The machine: a Pinocchio model on a free-flyer root, with its limits and its support polygon."""
+"""The machine: a Pinocchio model on a free-flyer root, with joint limits and support polygon."""
 
 from __future__ import annotations
 
@@ -20,23 +20,24 @@ __all__ = ["Machine"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Machine:
-    """A machine that stands on the ground: n planned joints on an undercarriage.
+    """Mobile manipulator on the ground: an undercarriage that carries n planned joints.
 
-    The model hangs on a free-flyer root, so that the undercarriage's mass counts (Pinocchio leaves
-    the root link's mass out of a fixed-base model) and so that the first six rows of its inverse
-    dynamics are the ground reaction wrench. Its own gravity is zero: gravity enters as an
-    acceleration of the root.
+    The root link is attached to the world by a free-flyer joint for two reasons: the mass of the
+    undercarriage counts (Pinocchio drops the root link's mass from a fixed-base model), and the
+    first six rows of the inverse dynamics are the ground reaction wrench. Gravity in the model is
+    zero; it enters as an acceleration of the root.
 
     Attributes:
-        name: The robot's name in the URDF.
-        model: Pinocchio model, with the inertia of each link in the link's frame; do not change it
-            in place.
+        name: Name of the robot in the URDF.
+        model: Pinocchio model; every frame of a link or payload holds the inertia of that body. Do
+            not change it in place.
         joint_names: The n planned joints, in the order of the URDF file.
         limits: Position, velocity, acceleration and effort limits, each of shape (n,).
-        support: Support polygon in the root frame, or None if the URDF shows none.
-        index_q: Where each joint's coordinate stands in Pinocchio's q, shape (n,).
-        index_v: Where each joint's rate stands in Pinocchio's v, shape (n,).
-        continuous: Which joints are continuous: Pinocchio keeps (cos, sin) of those, shape (n,).
+        support: Support polygon in the root frame, or None if none is known.
+        index_q: Index of each joint's coordinate in Pinocchio's q, shape (n,). A continuous joint
+            has two entries there, cos and sin; this is the index of the first.
+        index_v: Index of each joint's rate in Pinocchio's v, shape (n,).
+        continuous: Whether each joint is continuous (turns without limits), shape (n,).
     """
 
     name: str
@@ -55,17 +56,17 @@ class Machine:
 
     @property
     def mass(self) -> float:
-        """Total mass, undercarriage and payload included [kg]."""
+        """Total mass, including undercarriage and payloads [kg]."""
         return float(sum(inertia.mass for inertia in self.model.inertias))
 
     def configuration(self, q: Array) -> Array:
-        """Pinocchio's configurations of joint angles, the root at the identity.
+        """Pinocchio configurations of joint coordinates, with the root pose at the identity.
 
         Args:
             q: Joint coordinates, shape (K, n) [rad or m].
 
         Returns:
-            Shape (K, nq).
+            Configuration vectors, shape (K, nq).
         """
         full = np.zeros((q.shape[0], self.model.nq))
         full[:, 6] = 1.0  # unit quaternion (0, 0, 0, 1) of the root
@@ -78,18 +79,18 @@ class Machine:
 
     @property
     def joint_units(self) -> tuple[str, ...]:
-        """Of each joint's coordinate: "rad" where it turns, "m" where it slides."""
+        """Unit of each joint coordinate: "rad" for a joint that turns, "m" for one that slides."""
         kinds = (
             self.model.joints[self.model.getJointId(name)].shortname() for name in self.joint_names
         )
-        # PX, PY, PZ, PrismaticUnaligned
+        # JointModelPX, ...PY, ...PZ or ...PrismaticUnaligned
         return tuple("m" if kind.startswith("JointModelP") else "rad" for kind in kinds)
 
     def with_payload(self, payload: Payload) -> Machine:
-        """The same machine with a payload fixed to one of its frames.
+        """Copy of this machine that carries one more payload, fixed to one of its frames.
 
         Raises:
-            MachineError: Unknown frame; the message lists the frames there are.
+            MachineError: Not a Payload, or an unknown frame; the message lists the known frames.
         """
         if not isinstance(payload, Payload):
             raise MachineError(f"payload must be a Payload, not {type(payload).__name__}")
@@ -97,14 +98,17 @@ class Machine:
 
     @property
     def payload_mass(self) -> float:
-        """Mass of everything that `with_payload` has attached [kg]."""
+        """Total mass of all payloads [kg]."""
         return float(sum(frame.inertia.mass for frame in _payloads(self.model)))
 
     def with_payload_scaled(self, factor: float) -> Machine:
-        """The same machine with mass and inertia of all its payloads times a factor; zero leaves massless ones.
+        """Copy of this machine with mass and inertia of all payloads multiplied by a factor.
+
+        Args:
+            factor: At least 0; at 0 the payloads become massless.
 
         Raises:
-            MachineError: The factor is negative or not a number.
+            MachineError: The factor is negative or not a finite number.
         """
         factor = finite_number(factor, name="payload factor", error=MachineError)
         if factor < 0.0:
@@ -118,10 +122,13 @@ class Machine:
         return replace(self, model=model)
 
     def with_payload_moved(self, offset: Any) -> Machine:
-        """The same machine with the centre of mass of its only payload elsewhere, and the inertia about it unchanged.
+        """Copy of this machine with the centre of mass of its only payload displaced.
+
+        The payload's inertia about its own centre of mass does not change.
 
         Args:
-            offset: From where it is, in the axes of the frame that carries it, shape (3,) [m].
+            offset: Displacement of the centre of mass in the axes of the frame that carries the
+                payload, shape (3,) [m].
 
         Raises:
             MachineError: No payload or several, or an offset that is not three finite numbers.
@@ -131,7 +138,8 @@ class Machine:
         carried = _payloads(model)
         if len(carried) != 1:
             raise MachineError(
-                f"machine {self.name!r} carries {len(carried)} payloads; to move one needs just one"
+                f"machine {self.name!r} carries {len(carried)} payloads; only a single payload "
+                "can be moved"
             )
         body = carried[0].inertia
         carried[0].inertia = pin.Inertia(body.mass, body.lever + offset, body.inertia)
@@ -141,18 +149,21 @@ class Machine:
 
     @property
     def payload_count(self) -> int:
-        """Number of bodies that `with_payload` has attached."""
+        """Number of payloads with a mass above zero."""
         return len(_payloads(self.model))
 
     def with_limits(self, *, velocity: Any = None, acceleration: Any = None) -> Machine:
-        """The same machine with other velocity or acceleration limits; None keeps what it has.
+        """Copy of this machine with other velocity or acceleration limits.
+
+        Each argument is a scalar for all joints, an array of shape (n,), or a mapping from joint
+        names to numbers; None keeps the limits.
 
         Args:
-            velocity: Scalar, shape (n,), or a mapping from joint names to numbers [rad/s or m/s].
-            acceleration: Likewise [rad/s^2 or m/s^2].
+            velocity: Velocity limits [rad/s or m/s].
+            acceleration: Acceleration limits [rad/s^2 or m/s^2].
 
         Raises:
-            MachineError: Wrong shape, unknown joint, or a limit that is not positive.
+            MachineError: Wrong shape, unknown joint, or a limit that is not positive and finite.
         """
         given = {"velocity": velocity, "acceleration": acceleration}
         changes: Mapping[str, Any] = {
@@ -161,17 +172,21 @@ class Machine:
         return replace(self, limits=self.limits.updated(changes, self.joint_names))
 
     def with_support(self, support: SupportPolygon) -> Machine:
-        """The same machine on another support polygon."""
+        """Copy of this machine with another support polygon.
+
+        Raises:
+            MachineError: Not a SupportPolygon.
+        """
         if not isinstance(support, SupportPolygon):
             raise MachineError(f"support must be a SupportPolygon, not {type(support).__name__}")
         return replace(self, support=support)
 
     def with_point_masses(self) -> Machine:
-        """The same machine with every body a point mass at its own centre of mass: Song & Sharf 2020, eq. (5).
+        """Copy of this machine in which every body is a point mass at its centre of mass.
 
-        Bodies fixed to one another (a link and its payload) stay apart: each is a point of its own.
-        Pinocchio lumps them into the joint that moves them, but the frame of each link and payload
-        still holds its own inertia.
+        This is the mass model of Song & Sharf 2020, eq. (5). Bodies that are fixed to one another
+        (such as a link and its payload) become separate points: Pinocchio lumps their inertias
+        into the joint that moves them, but the frame of each link and payload holds its own.
         """
         model = self.model.copy()
         for frame in model.frames:
@@ -182,7 +197,7 @@ class Machine:
 
 
 def _sum_of_frames(model: Any, joint: int) -> Any:
-    """Inertia of all that a joint moves up to the next one: Pinocchio lumps it, but frames keep their own."""
+    """Inertia of all bodies fixed to a joint, summed over their frames, in the joint's frame."""
     total = pin.Inertia.Zero()
     for frame in model.frames:
         if frame.parentJoint == joint:
@@ -191,7 +206,7 @@ def _sum_of_frames(model: Any, joint: int) -> Any:
 
 
 def _payloads(model: Any) -> list[Any]:
-    """Frames of the payloads: those with an inertia that are no link."""
+    """Frames of the payloads: operational frames (not links) that have a mass."""
     return [
         frame
         for frame in model.frames

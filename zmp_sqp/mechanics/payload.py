@@ -14,24 +14,25 @@ from zmp_sqp.mechanics.inertia import checked_inertia
 
 __all__ = ["Payload"]
 
-# [kg, m] beyond, products of masses and squared distances leave too few digits
+# [kg] and [m] largest mass and distance: beyond them, products of masses and squared distances
+# leave too few of the digits of a float
 HEAVIEST, FARTHEST = 1e12, 1e5
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Payload:
-    """A rigid body fixed to one frame of the machine.
+    """Rigid body fixed to one frame of the machine.
 
     Attributes:
-        mass: Its mass [kg].
-        com: Its centre of mass in that frame, shape (3,) [m].
-        frame: Name of the link (or other frame) that carries it.
-        inertia: Rotational inertia about its own centre of mass, axes of the frame, shape (3, 3)
-            [kg m^2]; None is a point mass.
+        mass: Mass [kg].
+        com: Centre of mass in the frame that carries the payload, shape (3,) [m].
+        frame: Name of the link (or other frame) that carries the payload.
+        inertia: Rotational inertia about the payload's centre of mass, in the axes of the frame
+            that carries it, shape (3, 3) [kg m^2]; None is a point mass.
 
     Raises:
-        MachineError: Mass not positive, anything not finite or beyond all reason, or an inertia
-            that no body has.
+        MachineError: Mass not positive or above 1e12 kg, a centre of mass farther than 1e5 m,
+            anything not finite, or an inertia that no body can have.
     """
 
     mass: float
@@ -57,16 +58,16 @@ class Payload:
             object.__setattr__(self, "inertia", inertia)
 
     def attached_to(self, model: Any) -> Any:
-        """Copy of a Pinocchio model that carries this payload.
+        """Copy of a Pinocchio model to which this payload is attached.
 
-        The payload becomes a frame with an inertia of its own, so that `Machine.with_point_masses`
-        can still tell it from the link that carries it.
+        The payload becomes a frame with its own inertia, so that `Machine.with_point_masses` can
+        tell it from the link that carries it.
 
         Args:
-            model: Pinocchio model; it is left alone.
+            model: Pinocchio model; it is not changed.
 
         Raises:
-            MachineError: Unknown frame; the message lists the frames there are.
+            MachineError: Unknown frame; the message lists the known frames.
         """
         index = self._frame_index(model)
         carrier = model.frames[index]
@@ -85,15 +86,18 @@ class Payload:
                 pin.FrameType.OP_FRAME,
                 inertia,
             ),
-            True,  # the inertia counts for the joint that moves the frame
+            True,  # adds the inertia to the joint that moves the frame
         )
         return loaded
 
     def _frame_index(self, model: Any) -> int:
-        """Links come first: in many URDFs, ours included, a joint and its child link share a name."""
-        frames = [
-            (i, frame) for i, frame in enumerate(model.frames) if frame.parentJoint > 0
-        ]  # the universe carries nothing
+        """Index of the frame that carries the payload.
+
+        A link takes precedence over a joint of this name: in many URDFs, also in the ones shipped
+        here, a joint and its child link share a name.
+        """
+        # joint 0 is the universe, which carries nothing
+        frames = [(i, frame) for i, frame in enumerate(model.frames) if frame.parentJoint > 0]
         links = [
             i
             for i, frame in frames

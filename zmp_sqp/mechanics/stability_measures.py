@@ -1,4 +1,4 @@
-"""Other measures of tip-over stability than the ZMP's distance from the edges: load transfer, force angle, energy."""
+"""Measures of tip-over stability from the literature: load transfer, force angle and energy."""
 
 from __future__ import annotations
 
@@ -21,21 +21,26 @@ __all__ = ["StabilityMeasures", "center_of_mass", "measures_of_wrench", "stabili
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StabilityMeasures:
-    r"""Measures that are positive inside (the load transfer ratio: below 1), and zero (1) when a machine starts to tip.
+    r"""Four measures of tip-over stability at K states.
+
+    The margin, the force angle and the energy are positive while the machine is stable and zero
+    when it starts to tip. The load transfer ratio is below 1 while the machine is stable and 1 when
+    it starts to tip.
 
     Attributes:
-        margin: Distance from the ZMP to the nearest edge, shape (K,) [m].
-        load_transfer_ratio: Share of the load that has gone over to one side: 0 with the ZMP in the
-            middle, 1 at an edge, where the other side carries nothing. On two tracks :math:`|F_l -
-            F_r| / (F_l + F_r)`. Shape (K,).
-        force_angle: Papadopoulos & Rey 1996: least angle between the net force on the machine (all
-            but the ground's, at its centre of mass, with the net moment taken as a couple) and the
-            perpendicular to an edge, times that force over the weight, :math:`\min_i \theta_i
-            |f^*_i| / (m g)`, shape (K,) [rad].
-        tip_over_energy: Work that must be done to roll the machine over an edge, as a rigid body,
-            against the net force at its centre of mass: Messuri & Klein 1985 at rest, with inertial
-            forces after Ghasempoor & Sepehri 1998; negative where it already tips over it. Shape
-            (K,) [J].
+        margin: Signed distance from the ZMP to the nearest edge, shape (K,) [m].
+        load_transfer_ratio: Fraction of the load that has moved to one side: 0 with the ZMP at the
+            centroid of the support polygon, 1 with the ZMP on an edge, where the other side carries
+            nothing. For two tracks it is :math:`|F_l - F_r| / (F_l + F_r)`. Shape (K,).
+        force_angle: Measure of Papadopoulos & Rey 1996, :math:`\min_i \theta_i |f^*_i| / (m g)`,
+            shape (K,) [rad]. :math:`f^*_i` is the net force on the machine without the ground
+            reaction, applied at the centre of mass and without its component along edge i; the net
+            moment about the edge is included as a couple. :math:`\theta_i` is the angle between
+            this force and the perpendicular from the centre of mass to the edge.
+        tip_over_energy: Work needed to roll the machine as a rigid body over an edge, against the
+            net force at its centre of mass, least over all edges; negative where the machine
+            already tips. After Messuri & Klein 1985 at rest, and with inertial forces after
+            Ghasempoor & Sepehri 1998. Shape (K,) [J].
     """
 
     margin: Array
@@ -47,18 +52,18 @@ class StabilityMeasures:
 def stability_measures(
     machine: Machine, q: Any, v: Any, a: Any, ground: Ground
 ) -> StabilityMeasures:
-    """All measures of a machine on a base that stands; arguments, errors as in `stability_margin`, K states at once.
+    """Tip-over stability measures of a machine whose base stands still, at K states.
 
     Args:
-        machine: With a support polygon.
+        machine: Machine with a support polygon.
         q, v, a: Joint coordinates, rates and accelerations, shape (K, n) or (n,) [rad or m, s].
-        ground: What the machine stands on.
+        ground: Ground on which the machine stands.
 
     Raises:
         MachineError: No support polygon, wrong shapes, or an entry that is not finite.
-        ContactLost: The ground would have to pull.
+        ContactLost: The ground would have to pull at the machine.
     """
-    zmp(machine, q, v, a, ground)  # complains in the user's terms
+    zmp(machine, q, v, a, ground)  # checks the arguments and names the joint that is wrong
     rows = [np.atleast_2d(np.asarray(values, dtype=np.float64)) for values in (q, v, a)]
     root = np.concatenate([-ground.gravity(), np.zeros(3)])
     wrench = ground_reaction(machine, *rows, root_acceleration=root)
@@ -68,24 +73,32 @@ def stability_measures(
 def measures_of_wrench(
     machine: Machine, q: Array, wrench: Array, gravity: float
 ) -> StabilityMeasures:
-    """The same from the ground reaction, whatever the root does.
+    """Tip-over stability measures from the ground reaction wrench, also for a moving base.
 
     Args:
-        machine: With a support polygon.
-        q: Joint coordinates, shape (K, n).
-        wrench: (f, tau) about the root origin, root axes, shape (K, 6) [N, N m].
-        gravity: Its norm [m/s^2].
+        machine: Machine with a support polygon.
+        q: Joint coordinates, shape (K, n) [rad or m].
+        wrench: Ground reaction (f, tau) about the root origin, root axes, shape (K, 6) [N, N m].
+        gravity: Magnitude of gravity [m/s^2].
+
+    Raises:
+        MachineError: No support polygon.
+        ContactLost: The ground would have to pull at the machine.
     """
     support = machine.support
     if support is None:
         raise MachineError(
-            f"machine {machine.name!r} has no support polygon: give one by support=... or with_support"
+            f"machine {machine.name!r} has no support polygon: "
+            "give one by support=... or with_support"
         )
     points = zmp_of_wrench(wrench, support.height)
     middle = _centroid(support)
-    over = ((points - middle) @ support.normals.T) / (support.offsets - support.normals @ middle)
+    # 0 at the centroid, 1 on each edge; (K, V)
+    transfer = ((points - middle) @ support.normals.T) / (
+        support.offsets - support.normals @ middle
+    )
     com = center_of_mass(machine, q)
-    # of all but the ground, at the com
+    # net force and moment on the machine without the ground reaction, at the centre of mass
     force, moment = -wrench[:, :3], -(wrench[:, 3:] - np.cross(com, wrench[:, :3]))
     corners = np.column_stack([support.vertices, np.full(len(support.vertices), support.height)])
     along = np.roll(corners, -1, axis=0) - corners
@@ -97,22 +110,22 @@ def measures_of_wrench(
     couple = np.einsum("ki,vi->kv", moment, along)[..., None] * along
     pull = across + np.cross(lever, couple) / reach[..., None] ** 2
     strength = np.linalg.norm(pull, axis=2)
-    # moment that holds the machine down, about the edge
+    # stabilising moment about each edge
     inside = np.einsum("kvi,vi->kv", np.cross(lever, pull), along)
     aligned = np.einsum("kvi,kvi->kv", lever, pull)
     angle = np.arctan2(inside, aligned)
-    # rolled until the lever points along the pull, the centre of mass has gone furthest against it
+    # the centre of mass has moved farthest against the pull when the lever is parallel to it
     energy = np.sign(inside) * (strength * reach - aligned)
     return StabilityMeasures(
         margin=support.signed_distance(points),
-        load_transfer_ratio=np.asarray(over.max(axis=1)),
+        load_transfer_ratio=np.asarray(transfer.max(axis=1)),
         force_angle=np.asarray((angle * strength).min(axis=1) / (machine.mass * gravity)),
         tip_over_energy=np.asarray(energy.min(axis=1)),
     )
 
 
 def center_of_mass(machine: Machine, q: Array) -> Array:
-    """Centre of mass of the machine with its payload in the root frame, shape (K, 3) [m]."""
+    """Centre of mass of machine and payloads, root frame, shape (K, 3) [m]."""
     data = machine.model.createData()
     return np.array(
         [pin.centerOfMass(machine.model, data, row) for row in machine.configuration(q)]
@@ -120,7 +133,7 @@ def center_of_mass(machine: Machine, q: Array) -> Array:
 
 
 def _centroid(support: SupportPolygon) -> Array:
-    """Of the polygon's area, shape (2,) [m]."""
+    """Centroid of the area of the support polygon, root frame, shape (2,) [m]."""
     here = support.vertices - support.vertices[0]
     after = np.roll(here, -1, axis=0)
     double = here[:, 0] * after[:, 1] - here[:, 1] * after[:, 0]

@@ -1,4 +1,4 @@
-"""The support polygon, and its edges as linear rows on the ground reaction wrench."""
+"""Support polygon, and the ZMP constraint as linear inequalities on the ground reaction wrench."""
 
 from __future__ import annotations
 
@@ -12,27 +12,29 @@ from zmp_sqp.errors import MachineError
 
 __all__ = ["SupportPolygon"]
 
-# sine of the angle between two edges below which a vertex counts as lying on a straight line
+# sine of the angle between two edges up to which their common vertex counts as no corner: far
+# above rounding, far below any real corner
 STRAIGHT = 1e-9
-REPEATED = 1e-9  # [m], vertices closer than this are the same
+REPEATED = 1e-9  # [m] distance below which two vertices count as one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SupportPolygon:
-    """Convex polygon of the ground contacts, in a plane z = height of the root frame.
+    """Convex polygon spanned by the ground contacts, in the plane z = height of the root frame.
 
-    Edge i runs from vertex i to vertex i + 1 and is the line e_i . p = b_i.
+    Edge i runs from vertex i to vertex i + 1 and lies on the line e_i . p = b_i.
 
     Attributes:
-        vertices: Corners in the root frame, counter-clockwise seen from above, strictly convex,
+        vertices: Vertices in the root frame, counter-clockwise seen from above, strictly convex,
             shape (V, 2) [m].
         height: z of the plane in the root frame [m].
-        normals: Outward unit normals e_i of the edges, shape (V, 2).
-        offsets: Offsets b_i of the edges from the root origin along their normals, shape (V,) [m].
+        normals: Outward unit normals e_i of the edges, root frame, shape (V, 2).
+        offsets: Distances b_i of the edges from the root origin along their normals, shape (V,)
+            [m].
 
     Raises:
-        MachineError: Fewer than three vertices, not finite, repeated, clockwise or not convex; the
-            message names the vertex.
+        MachineError: Fewer than three vertices, or vertices that are not finite, repeated,
+            clockwise or not strictly convex; the message names the vertex.
     """
 
     vertices: Array
@@ -57,7 +59,8 @@ class SupportPolygon:
         turns = _turns(edges)  # sine of the turn at the end of each edge
         if (turns < -STRAIGHT).all():
             raise MachineError(
-                f"support vertices must be counter-clockwise; vertex 1 at {vertices[1].tolist()} turns right"
+                "support vertices must be counter-clockwise; "
+                f"vertex 1 at {vertices[1].tolist()} turns right"
             )
         for edge in np.flatnonzero(turns <= STRAIGHT):
             at = (int(edge) + 1) % len(vertices)
@@ -67,15 +70,16 @@ class SupportPolygon:
                 else "turns inwards"
             )
             raise MachineError(
-                f"support polygon must be strictly convex, but vertex {at} at {vertices[at].tolist()} {fault}"
+                f"support polygon must be strictly convex, but vertex {at} at "
+                f"{vertices[at].tolist()} {fault}"
             )
+        # a star-shaped polygon turns left at every vertex, too, but by more than one full turn
         headings = np.unwrap(np.arctan2(edges[:, 1], edges[:, 0]))
-        for edge in np.flatnonzero(
-            headings - headings[0] > 2.0 * np.pi
-        ):  # a star turns left all the way, but twice round
+        for edge in np.flatnonzero(headings - headings[0] > 2.0 * np.pi):
             at = vertices[edge].tolist()
             raise MachineError(
-                f"support polygon crosses itself: before vertex {edge} at {at} it has gone full circle"
+                f"support polygon crosses itself: before vertex {edge} at {at} "
+                "it has gone full circle"
             )
         outward = (
             np.column_stack([edges[:, 1], -edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
@@ -88,11 +92,11 @@ class SupportPolygon:
 
     @classmethod
     def convex_hull(cls, points: Any, height: float = 0.0) -> SupportPolygon:
-        """Smallest convex polygon around points; points inside it or on its edges are dropped.
+        """Convex hull of points; points inside the hull or on its edges are dropped.
 
         Args:
-            points: Shape (P, 2), root frame [m].
-            height: z of the plane in the root frame [m].
+            points: Points in the root frame, shape (P, 2) [m].
+            height: z of the support plane in the root frame [m].
 
         Raises:
             MachineError: Fewer than three points, or all on one line.
@@ -122,11 +126,15 @@ class SupportPolygon:
 
     @property
     def reach(self) -> float:
-        """Distance of the farthest corner from the root's vertical axis [m]."""
+        """Largest distance of a vertex from the z axis of the root frame [m]."""
         return float(np.linalg.norm(self.vertices, axis=1).max())
 
     def edge_name(self, index: int) -> str:
-        """Name of an edge for people: 'front', 'left', 'rear', 'right' on rectangles, 'edge i' otherwise."""
+        """Readable name of edge `index`.
+
+        Returns:
+            'front', 'left', 'rear' or 'right' on a rectangle, 'edge i' on any other polygon.
+        """
         normals = self.normals
         if (
             len(normals) != 4
@@ -141,46 +149,51 @@ class SupportPolygon:
 
         .. math:: \min_i (b_i - e_i \cdot p)
 
-        Outside a corner it is the (negative) distance to the edge *line* most violated, not to the
-        corner.
+        For a point outside it is the negative distance to the most violated edge *line*; beyond a
+        corner this is less than the distance to the corner.
 
         Args:
-            points: In the plane of the polygon, root frame, shape (..., 2) [m].
+            points: Points in the plane of the polygon, root frame, shape (..., 2) [m].
 
         Returns:
-            Shape (...) [m].
+            Signed distances, shape (...) [m].
         """
         return np.asarray((self.offsets - points @ self.normals.T).min(axis=-1))
 
     def wrench_rows(self, margin: float = 0.0) -> Array:
-        r"""Rows C with C (f, tau) <= 0 exactly where the ZMP keeps a margin from every edge, given f_z > 0.
+        r"""Matrix C with C (f, tau) <= 0 if and only if the ZMP keeps a margin from every edge.
+
+        The equivalence needs f_z > 0. With the support height h,
 
         .. math::
             \tau' = \tau - (0, 0, h) \times f, \quad p = (-\tau'_y, \tau'_x) / f_z, \quad
             (e \cdot p - b + margin) f_z = -e_x \tau'_y + e_y \tau'_x - (b - margin) f_z
 
         Args:
-            margin: Distance kept from every edge [m].
+            margin: Least distance of the ZMP from every edge [m].
 
         Returns:
-            Shape (V, 6), for the ground reaction wrench about the root origin, root axes [N, N m].
+            One row per edge, shape (V, 6). The rows multiply the ground reaction wrench about the
+            root origin, root axes [N, N m].
         """
         margin = finite_number(margin, name="margin", error=MachineError)
         e_x, e_y = self.normals.T
         zero = np.zeros_like(e_x)
-        # tau'_x = tau_x + h f_y, tau'_y = tau_y - h f_x
+        # substituted: tau'_x = tau_x + h f_y and tau'_y = tau_y - h f_x
         return np.column_stack(
             [self.height * e_x, self.height * e_y, margin - self.offsets, e_y, -e_x, zero]
         )
 
     def inset(self, margin: float) -> SupportPolygon:
-        """The polygon of the points that keep a margin from every edge; edges that no longer bound it are dropped.
+        """Polygon of the points that keep a margin from every edge of this one.
+
+        Edges that do not bound the smaller polygon are dropped.
 
         Args:
-            margin: At least 0 [m].
+            margin: Distance from every edge, at least 0 [m].
 
         Raises:
-            MachineError: Negative margin, or nothing is left.
+            MachineError: The margin is negative, or so large that no polygon is left.
         """
         margin = finite_number(margin, name="margin", error=MachineError)
         if margin < 0.0:
@@ -199,7 +212,7 @@ class SupportPolygon:
 
 
 def _turns(edges: Array) -> Array:
-    """Sine of the turn between each edge and the next, positive to the left, shape (V,)."""
+    """Sine of the angle from each edge to the next, positive to the left, shape (V,)."""
     ahead = np.roll(edges, -1, axis=0)
     lengths = np.linalg.norm(edges, axis=1)
     return np.asarray(
@@ -208,7 +221,7 @@ def _turns(edges: Array) -> Array:
 
 
 def _clip(corners: Array, normal: Array, offset: float) -> Array:
-    """Part of a convex polygon with normal . p <= offset (Sutherland and Hodgman 1974)."""
+    """Part of a convex polygon where normal . p <= offset (Sutherland & Hodgman 1974)."""
     beyond = corners @ normal - offset
     kept = []
     for i, (corner, excess) in enumerate(zip(corners, beyond, strict=True)):

@@ -1,4 +1,4 @@
-"""Zero moment point and stability margin of a machine in motion."""
+"""Zero moment point (ZMP) and stability margin of a machine in motion."""
 
 from __future__ import annotations
 
@@ -16,27 +16,28 @@ __all__ = ["stability_margin", "zmp", "zmp_of_wrench"]
 
 
 def zmp(machine: Machine, q: Any, v: Any, a: Any, ground: Ground) -> Array:
-    r"""Point in the support plane about which the ground reaction has no tilting moment.
+    r"""Zero moment point: where the ground reaction has no tilting moment about the support plane.
 
     .. math:: p = (-\tau'_y, \tau'_x) / f_z, \quad \tau' = \tau - (0, 0, h) \times f
 
-    This is eq. (5) of Song & Sharf 2020 for rigid bodies, and eq. (5) itself on
-    `Machine.with_point_masses`.
+    with the ground reaction wrench (f, tau) about the root origin and the height h of the support
+    plane. This is eq. (5) of Song & Sharf 2020 extended to rigid bodies; for
+    `Machine.with_point_masses` it is eq. (5) itself. The base stands still.
 
     Args:
-        machine: The machine; without a support polygon the plane is z = 0 of the root frame.
+        machine: Machine; without a support polygon, the support plane is z = 0 of the root frame.
         q: Joint coordinates, shape (K, n) or (n,) [rad or m].
-        v: Their rates, same shape.
-        a: Their accelerations, same shape.
-        ground: What the machine stands on.
+        v: Joint rates, shape of q [rad/s or m/s].
+        a: Joint accelerations, shape of q [rad/s^2 or m/s^2].
+        ground: Ground on which the machine stands.
 
     Returns:
         ZMP in the root frame, shape (K, 2) or (2,) [m].
 
     Raises:
         MachineError: Wrong shapes, or an entry that is not finite; the message names the joint.
-        ContactLost: The ground would have to pull (f_z <= 0); the message names the first such
-            index.
+        ContactLost: The ground would have to pull at the machine (f_z <= 0); the message names the
+            first such index.
     """
     if not isinstance(machine, Machine):
         raise MachineError(
@@ -65,37 +66,46 @@ def stability_margin(machine: Machine, q: Any, v: Any, a: Any, ground: Ground) -
 
     .. math:: \min_i (b_i - e_i \cdot p)
 
-    Outside a corner it is the distance to the edge line most violated, not to the corner. Arguments
-    as in `zmp`.
+    with the ZMP p, the outward unit normals e_i of the edges and their offsets b_i. For a ZMP
+    outside it is the negative distance to the most violated edge line, not to a corner. The base
+    stands still.
+
+    Args:
+        machine: Machine with a support polygon.
+        q: Joint coordinates, shape (K, n) or (n,) [rad or m].
+        v: Joint rates, shape of q [rad/s or m/s].
+        a: Joint accelerations, shape of q [rad/s^2 or m/s^2].
+        ground: Ground on which the machine stands.
 
     Returns:
-        Shape (K,) or () [m].
+        Signed distances, shape (K,) or () [m].
 
     Raises:
-        MachineError: As in `zmp`, or the machine has no support polygon.
-        ContactLost: As in `zmp`.
+        MachineError: No support polygon, wrong shapes, or an entry that is not finite.
+        ContactLost: The ground would have to pull at the machine (f_z <= 0).
     """
     points = zmp(machine, q, v, a, ground)
     if machine.support is None:
         raise MachineError(
-            f"machine {machine.name!r} has no support polygon: give one by support=... or with_support"
+            f"machine {machine.name!r} has no support polygon: "
+            "give one by support=... or with_support"
         )
     return machine.support.signed_distance(points)
 
 
 def zmp_of_wrench(wrench: Array, height: float = 0.0) -> Array:
-    """ZMP of ground reaction wrenches.
+    """Zero moment point of K ground reaction wrenches.
 
     Args:
-        wrench: (f, tau) about the root origin, root axes, shape (K, 6) [N, N m].
+        wrench: Ground reaction (f, tau) about the root origin, root axes, shape (K, 6) [N, N m].
         height: z of the support plane in the root frame [m].
 
     Returns:
-        Root frame, shape (K, 2) [m].
+        ZMP in the root frame, shape (K, 2) [m].
 
     Raises:
-        ContactLost: The ground would have to pull (f_z <= 0); the message names the first such
-            index.
+        ContactLost: The ground would have to pull at the machine (f_z <= 0); the message names the
+            first such index.
     """
     normal_force = wrench[:, 2]
     for index in np.flatnonzero(~(normal_force > 0.0)):
@@ -108,6 +118,7 @@ def zmp_of_wrench(wrench: Array, height: float = 0.0) -> Array:
 
 
 def _samples(machine: Machine, values: Any, name: str) -> Array:
+    """Joint values of one state (n,) or of K states (K, n), checked."""
     single = np.asarray(values, dtype=object).ndim == 1
     shape = (machine.size,) if single else (None, machine.size)
     array = frozen_array(values, name=name, shape=shape, error=MachineError, finite=False)

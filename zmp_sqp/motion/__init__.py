@@ -1,4 +1,4 @@
-"""Motions of arm and base as functions of time, and their files."""
+"""Motions of arm and base as functions of time, and their file formats."""
 
 from zmp_sqp.motion.root_motion import trajectory_zmp
 from zmp_sqp.motion.trajectory import Trajectory

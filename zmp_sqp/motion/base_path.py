@@ -1,4 +1,4 @@
-"""Where a base drives between nodes: its place as polynomials of high degree, from its speed and yaw."""
+"""Position of a driving base between the nodes: the integral of its velocity, as polynomials."""
 
 from __future__ import annotations
 
@@ -10,24 +10,31 @@ import numpy as np
 from zmp_sqp.arrays import Array, Indices
 from zmp_sqp.errors import TrajectoryError
 
-__all__ = ["PlaceCurve"]
+__all__ = ["PositionCurve"]
 
-POINTS = 20  # per interval: exact far beyond rounding for a turn in a plane
-MOST_PASSES = 60
-SETTLED = 1e-14  # of the distance driven: smaller changes are rounding
-STUCK = 1e-9  # [m] larger ones mean that the passes do not converge
+# number of Gauss points per polynomial: for a turn in a plane the integration error is far below
+# rounding errors
+POINTS = 20
+MOST_PASSES = 60  # number of Picard iterations after which the integration gives up
+SETTLED = 1e-14  # largest change of a converged position, relative to 1 m + largest coordinate
+STUCK = 1e-9  # [m] largest change in the last iteration that still counts as converged
 
 
 def _gauss() -> tuple[Array, Array]:
+    """Nodes and weights of Gauss-Legendre quadrature on [0, 1], shape (POINTS,) each."""
     nodes, weights = np.polynomial.legendre.leggauss(POINTS)
     return 0.5 * (nodes + 1.0), 0.5 * weights
 
 
 def _integrals(share: Array) -> Array:
-    r"""Integrals of the Legendre polynomials over [0, share], shape (..., POINTS).
+    r"""Integrals of the first POINTS shifted Legendre polynomials, shape (..., POINTS).
 
-    .. math:: \int_0^\tau P_n(2 \sigma - 1) d\sigma = \frac{P_{n+1} - P_{n-1}}{2 (2 n + 1)}(2 \tau -
-        1), \quad n > 0
+    .. math::
+        \int_0^\tau P_n(2 \sigma - 1) d\sigma
+            = \frac{P_{n+1}(2 \tau - 1) - P_{n-1}(2 \tau - 1)}{2 (2 n + 1)}, \quad n > 0
+
+    Args:
+        share: Upper limit of integration \tau, from 0 to 1, shape (...).
     """
     values = np.polynomial.legendre.legvander(2.0 * share - 1.0, POINTS)
     order = np.arange(1, POINTS)
@@ -35,24 +42,31 @@ def _integrals(share: Array) -> Array:
     return np.concatenate([share[..., None], rest], axis=-1)
 
 
-SHARES, WEIGHTS = _gauss()
-_VALUES = np.polynomial.legendre.legvander(2.0 * SHARES - 1.0, POINTS - 1)  # (points, orders)
-# from values at the points
-TO_SERIES = (2.0 * np.arange(POINTS)[:, None] + 1.0) * (_VALUES * WEIGHTS[:, None]).T
-TO_INTEGRAL = _integrals(SHARES) @ TO_SERIES  # from values at the points to integrals up to them
+GAUSS_NODES, GAUSS_WEIGHTS = _gauss()
+# Legendre polynomials at the Gauss points, (points, orders)
+_VALUES = np.polynomial.legendre.legvander(2.0 * GAUSS_NODES - 1.0, POINTS - 1)
+# matrix from values of a function at the Gauss points to its Legendre coefficients
+TO_SERIES = (2.0 * np.arange(POINTS)[:, None] + 1.0) * (_VALUES * GAUSS_WEIGHTS[:, None]).T
+# matrix from values of a function at the Gauss points to its integrals from 0 to these points
+TO_INTEGRAL = _integrals(GAUSS_NODES) @ TO_SERIES
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PlaceCurve:
-    r"""Displacements from the nodes: intervals are cut into equal pieces, each a Legendre series by its share.
+class PositionCurve:
+    r"""Curve of positions p = (x, y) over N intervals, whose rate is a piecewise polynomial.
 
     .. math:: p(t) = p_k + \int_{t_k}^t \dot p\, dt, \quad \dot p = \sum_n c_n P_n
 
+    Each interval is divided into equal pieces, and the rate is one Legendre series on each piece.
+    The curve stores displacements from the start p_k of the interval.
+
     Attributes:
-        first: First piece of each interval, and their number M, shape (N + 1,).
-        steps: Lengths of the pieces, shape (M,) [s].
-        origins: Displacement where each piece begins, from the node, shape (M, 2) [m].
-        series: c, shape (M, POINTS, 2) [m/s].
+        first: Index of the first piece of each interval, then the number M of pieces, shape
+            (N + 1,).
+        steps: Durations of the pieces, shape (M,) [s].
+        origins: Displacement from the start of the interval to the start of each piece, shape
+            (M, 2) [m].
+        series: Legendre coefficients c_n of the rate on each piece, shape (M, POINTS, 2) [m/s].
     """
 
     first: Indices
@@ -63,59 +77,71 @@ class PlaceCurve:
     @classmethod
     def integrated(
         cls,
-        places: Array,
+        positions: Array,
         steps: Array,
         parts: Indices,
         rates: Callable[[Array], Array],
         *,
         chained: bool,
-    ) -> tuple[PlaceCurve, Array]:
-        """Collocation at Gauss points, by passes of Picard, which contract as the path is short or the ground smooth.
+    ) -> tuple[PositionCurve, Array]:
+        """Solve dp/dt = rates(p) by collocation at the Gauss points of the pieces.
+
+        The collocation equations are solved by Picard iteration, which converges if the pieces are
+        short or the ground is smooth.
 
         Args:
-            places: At the starts of the intervals, shape (N, 2) [m].
-            steps: Lengths of the intervals, shape (N,) [s].
-            parts: Into how many pieces each one is cut, shape (N,).
-            rates: From places at `SHARES` of the pieces, shape (M, POINTS, 2), to their rates
-                there, likewise.
-            chained: Whether only the first place is given and each of the others is where the
-                interval before ends.
+            positions: Positions at the starts of the intervals, shape (N, 2) [m].
+            steps: Durations of the intervals, shape (N,) [s].
+            parts: Number of pieces of each interval, shape (N,).
+            rates: Function from the positions at the `GAUSS_NODES` of all pieces, shape
+                (M, POINTS, 2) [m], to the rates there, shape (M, POINTS, 2) [m/s].
+            chained: Whether each interval starts where the one before ends; then only the first of
+                `positions` is used.
 
         Returns:
-            The curve, and the places at its Gauss points, shape (M, POINTS, 2).
+            Curve, and its positions at the Gauss points, shape (M, POINTS, 2) [m].
 
         Raises:
-            TrajectoryError: The passes do not converge: an interval leads too far over ground that
-                is too rough.
+            TrajectoryError: The iteration does not converge, because an interval leads too far over
+                ground that is too rough.
         """
         first = np.concatenate([[0], np.cumsum(parts)])
         node = np.repeat(first[:-1], parts)
-        steps, starts = np.repeat(steps / parts, parts), np.repeat(places, parts, axis=0)
+        steps, starts = np.repeat(steps / parts, parts), np.repeat(positions, parts, axis=0)
         at, change = np.repeat(starts[:, None], POINTS, axis=1), np.inf
         for _ in range(MOST_PASSES):
             found = rates(at)
-            ends = np.cumsum(steps[:, None] * (WEIGHTS @ found), axis=0)
+            ends = np.cumsum(steps[:, None] * (GAUSS_WEIGHTS @ found), axis=0)
             begins = np.vstack([np.zeros(2), ends[:-1]])
             origins = begins - begins[node]
-            here = starts[0] + begins if chained else starts + origins
-            moved = here[:, None] + steps[:, None, None] * (TO_INTEGRAL @ found)
-            change = float(np.abs(moved - at).max(initial=0.0))
-            at = moved
+            piece_starts = starts[0] + begins if chained else starts + origins
+            improved = piece_starts[:, None] + steps[:, None, None] * (TO_INTEGRAL @ found)
+            change = float(np.abs(improved - at).max(initial=0.0))
+            at = improved
             if not change > SETTLED * (1.0 + float(np.abs(at).max(initial=0.0))):
                 break
         if not change <= STUCK:
             raise TrajectoryError(
-                f"the base's path between its nodes cannot be found to better than {change:.3g} m: give more nodes"
+                "the base's path between its nodes cannot be found to better than "
+                f"{change:.3g} m: give more nodes"
             )
         return cls(first, steps, origins, TO_SERIES @ found), at
 
     @property
     def pieces(self) -> Indices:
-        """Into how many pieces each interval is cut, shape (N,)."""
+        """Number of pieces of each interval, shape (N,)."""
         return np.diff(self.first)
 
     def displacement(self, k: Indices, since: Array) -> Array:
-        """From the starts of intervals k over the times `since`, shape (K, 2) [m]."""
+        """Displacement since the start of an interval.
+
+        Args:
+            k: Indices of the intervals, shape (K,).
+            since: Times since the starts of these intervals, shape (K,) [s].
+
+        Returns:
+            Displacements, shape (K, 2) [m].
+        """
         step = self.steps[self.first[k]]
         share = np.divide(since, step, out=np.zeros_like(since), where=step > 0.0)
         number = np.clip(share.astype(int), 0, self.first[k + 1] - self.first[k] - 1)

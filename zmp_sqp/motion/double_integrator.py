@@ -1,4 +1,4 @@
-"""Minimum time of one joint with rate and acceleration limits: in continuous time and on a grid."""
+"""Minimum-time motion of one joint with rate and acceleration limits, continuous or on a grid."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ __all__ = [
     "slowest_minimum_time",
 ]
 
-ROUNDING = 1e-9  # [rad or m] of a distance
-SMALLEST = 1e-150  # keeps quotients finite
+ROUNDING = 1e-9  # [rad or m] difference of two distances that counts as rounding
+SMALLEST = 1e-150  # added to, or least value of, denominators that may be zero
 
 
 @dataclass(frozen=True, slots=True)
 class BangCoastBang:
-    """Accelerate to a peak rate, coast, decelerate.
+    """Motion in three phases: accelerate to a peak rate, coast, decelerate.
 
     Attributes:
-        acceleration: Signed acceleration of the first phase [rad/s^2 or m/s^2]; the last phase has
-            its negative.
+        acceleration: Signed acceleration of the first phase; that of the last phase is its negative
+            [rad/s^2 or m/s^2].
         peak: Signed rate while coasting [rad/s or m/s].
         phases: Durations of the three phases [s].
     """
@@ -37,7 +37,7 @@ class BangCoastBang:
 
     @property
     def duration(self) -> float:
-        """Sum of the phases [s]."""
+        """Duration of the whole motion [s]."""
         return sum(self.phases)
 
 
@@ -51,30 +51,29 @@ def minimum_time(
 ) -> BangCoastBang:
     r"""Time-optimal motion of one double integrator.
 
-    From rest to rest: :math:`D/v + v/a` if :math:`D \ge v^2/a`, else :math:`2\sqrt{D/a}`. The start
-        and goal rates must
-    lie within the rate limit.
+    From rest to rest over a distance D it takes :math:`D/v + v/a` if :math:`D \ge v^2/a`, else
+    :math:`2\sqrt{D/a}`.
 
     Args:
         distance: Signed displacement [rad or m].
-        max_velocity: Rate limit v > 0.
-        max_acceleration: Acceleration limit a > 0.
-        start_velocity: Rate at the start.
-        goal_velocity: Rate at the goal.
+        max_velocity: Rate limit v > 0 [rad/s or m/s].
+        max_acceleration: Acceleration limit a > 0 [rad/s^2 or m/s^2].
+        start_velocity: Rate at the start, within the rate limit [rad/s or m/s].
+        goal_velocity: Rate at the goal, within the rate limit [rad/s or m/s].
 
     Returns:
-        The motion; no other motion within the limits is shorter.
+        The fastest motion within the limits.
     """
     v0, v1, a = start_velocity, goal_velocity, max_acceleration
-    # displacement of going from v0 to v1 at full acceleration
+    # displacement while the rate changes from v0 to v1 at full acceleration
     direct = 0.5 * (v0 + v1) * abs(v1 - v0) / a
-    # on the edge between two kinds of motion: the shorter one
+    # within rounding of this displacement, a single phase of acceleration is the fastest motion
     if v0 * v1 > 0.0 and abs(distance - direct) <= ROUNDING:
         return BangCoastBang(float(np.sign(v1 - v0)) * a, v1, (abs(v1 - v0) / a, 0.0, 0.0))
     sign = 1.0 if distance >= direct else -1.0
     distance, v0, v1 = sign * distance, sign * v0, sign * v1
     peak = float(np.sqrt(max(0.5 * (v0**2 + v1**2) + a * distance, 0.0)))
-    peak = max(peak, v0, v1)  # equal to the larger one but for rounding
+    peak = max(peak, v0, v1)  # it may fall below the larger of them by rounding
     coast = 0.0
     if peak > max_velocity:
         peak = max_velocity
@@ -115,22 +114,25 @@ def slowest_minimum_time(
 def grid_minimum_time(
     distance: Array, *, max_velocity: Array, max_acceleration: Array, intervals: int
 ) -> float:
-    r"""Least duration of a rest-to-rest motion whose accelerations are constant on each of N equal intervals.
+    r"""Minimum time from rest to rest with constant acceleration on each of N equal intervals.
 
-    The farthest that a joint gets with steps h has the node rates min(a h m_k, v), m_k = min(k, N -
-    k). If K of the m_k on either side are below the cap, :math:`D = a K (K + 1) h^2 + v (N - 1 - 2
-    K) h`; without a cap,
-    :math:`D = a h^2 \lfloor N^2 / 4 \rfloor`. Both grow with h, so the right root is the one whose
-    K fits.
+    With interval length h, a joint covers the largest distance D if its rate at node k is
+    :math:`\min(a h m_k, v)`, :math:`m_k = \min(k, N - k)`. If K of these rates on either side are
+    below the rate limit v,
+
+    .. math:: D = a K (K + 1) h^2 + v (N - 1 - 2 K) h
+
+    and if all of them are, :math:`D = a h^2 \lfloor N^2 / 4 \rfloor`. D increases with h, so the
+    solution h is the one that agrees with the K for which it was computed.
 
     Args:
         distance: Displacements, shape (n,) [rad or m].
-        max_velocity: Rate limits, shape (n,).
-        max_acceleration: Acceleration limits, shape (n,).
-        intervals: N.
+        max_velocity: Rate limits v, shape (n,) [rad/s or m/s].
+        max_acceleration: Acceleration limits a, shape (n,) [rad/s^2 or m/s^2].
+        intervals: Number N of intervals.
 
     Returns:
-        Duration that suffices for every joint and that the slowest one needs [s].
+        Least duration that suffices for every joint [s].
     """
     size, v, a = np.abs(distance), max_velocity, max_acceleration
     K = np.arange((intervals - 1) // 2 + 1)[:, None]  # (K, n) below
@@ -151,19 +153,20 @@ def grid_profile(
     max_acceleration: Array,
     intervals: int,
 ) -> Array:
-    """Rest-to-rest accelerations on the grid that cover the distances in exactly this duration, bang-coast-bang.
+    """Rest-to-rest motion of a given duration, with constant acceleration on each of N intervals.
 
-    Each joint accelerates as gently as its rate limit and the duration allow.
+    Each joint accelerates, coasts and decelerates, with the least acceleration that its rate limit
+    and the duration allow.
 
     Args:
         distance: Displacements, shape (n,) [rad or m].
-        duration: At least `grid_minimum_time` [s].
-        max_velocity: Rate limits, shape (n,).
-        max_acceleration: Acceleration limits, shape (n,).
-        intervals: N.
+        duration: Duration of the motion, at least `grid_minimum_time` [s].
+        max_velocity: Rate limits, shape (n,) [rad/s or m/s].
+        max_acceleration: Acceleration limits, shape (n,) [rad/s^2 or m/s^2].
+        intervals: Number N of intervals.
 
     Returns:
-        Accelerations, shape (N, n) [rad/s^2 or m/s^2].
+        Accelerations on the intervals, shape (N, n) [rad/s^2 or m/s^2].
     """
     size, v, h = np.abs(distance), max_velocity, duration / intervals
     K = np.arange(1, (intervals - 1) // 2 + 1)[:, None]
@@ -180,5 +183,6 @@ def grid_profile(
     count = np.minimum(np.arange(intervals + 1), np.arange(intervals + 1)[::-1])[:, None]
     rates = np.minimum(gentle * h * count, v)
     covered = h * rates.sum(axis=0)
-    rates *= np.divide(size, covered, out=np.zeros_like(size), where=covered > 0.0)  # rounding
+    # removes the rounding error of the distance
+    rates *= np.divide(size, covered, out=np.zeros_like(size), where=covered > 0.0)
     return np.asarray(np.diff(rates, axis=0) / h * np.sign(distance))

@@ -1,4 +1,4 @@
-"""How the root of the machine moves along a trajectory, and the ZMP that follows."""
+"""Motion of the machine's root along a trajectory, and the ZMP that results from it."""
 
 from __future__ import annotations
 
@@ -20,35 +20,40 @@ from zmp_sqp.motion.unicycle_motion import UnicycleMotion
 
 __all__ = [
     "check_tracks",
-    "followed",
     "root_motion",
     "root_motion_bounds",
     "surface_bounds",
     "trajectory_zmp",
+    "with_ground",
 ]
 
-TRACK_STEP = 0.25  # [m] between poses at which the ground under the tracks is looked at
-TURN_STEP = 0.1  # [rad] likewise
-MOST_POSES = 20_000  # likewise
-# [m] by which the boxes are wider, for places that are not known exactly; see `place_error`
+# largest distance [m] and yaw angle [rad] between two poses of a path at which the ground under the
+# tracks is checked, and the largest number of such poses, which limits time and memory
+TRACK_STEP = 0.25
+TURN_STEP = 0.1
+MOST_POSES = 20_000
+# [m] margin by which boxes around the base's path are enlarged, because its positions are computed
+# with an error; the proof computes this error and fails if it is larger
 STRAY = 1e-3
 
 
 def root_motion(
     trajectory: Trajectory, gravity: Array, k: Indices, since: Array, *, height: float = 0.0
 ) -> tuple[Array | None, Array]:
-    """Twist of the root and its spatial acceleration less gravity at times `since` in the intervals k, root axes.
+    """Twist of the root, and its spatial acceleration minus gravity, at K times.
 
     Args:
-        trajectory: With or without a base motion.
-        gravity: In the root frame of a machine that stands still, shape (3,) [m/s^2]; a base has
-            its own ground.
-        k: Intervals, shape (K,).
-        since: Times after their starts, shape (K,) [s].
-        height: Of the ground in the root frame [m].
+        trajectory: Motion with or without a moving base.
+        gravity: Gravity in the root frame of a base that stands still, shape (3,) [m/s^2]; not
+            used for a base that moves, because its motion includes its ground.
+        k: Indices of the intervals, shape (K,).
+        since: Times since the starts of these intervals, shape (K,) [s].
+        height: z of the support plane in the root frame [m].
 
     Returns:
-        Twist, shape (K, 6), or None for a standing base; acceleration, shape (6,) or (K, 6).
+        Twist in the root frame, shape (K, 6) [m/s, rad/s], or None if the base stands still;
+        acceleration in the root frame, shape (K, 6), or (6,) if the base stands still [m/s^2,
+        rad/s^2].
     """
     if trajectory.base is None:
         return None, np.concatenate([-gravity, np.zeros(3)])
@@ -61,14 +66,17 @@ def root_motion(
 def root_motion_bounds(
     base: UnicycleMotion, k: Indices, since: Array, length: Array, *, height: float
 ) -> Array:
-    """Bounds on the motion of the root over stretches of the intervals k, see `root_bounds`, shape (2, 4, K).
+    """Bounds on the motion of the root over K subintervals.
 
     Args:
-        base: The motion.
-        k: Intervals, shape (K,).
-        since: When the stretches begin, after the starts of the intervals, shape (K,) [s].
-        length: How long they last, shape (K,) [s].
-        height: Of the ground in the root frame [m].
+        base: Motion of the base.
+        k: Index of the interval that contains each subinterval, shape (K,).
+        since: Start of each subinterval, measured from the start of its interval, shape (K,) [s].
+        length: Duration of each subinterval, shape (K,) [s].
+        height: z of the support plane in the root frame [m].
+
+    Returns:
+        Bounds in the form of `root_bounds`, shape (2, 4, K).
     """
     return root_bounds(
         base.peaks(k, since, length), surface_bounds(base, k, since, length), abs(height)
@@ -76,11 +84,17 @@ def root_motion_bounds(
 
 
 def check_tracks(base: UnicycleMotion, support: SupportPolygon) -> None:
-    """Refuse a path whose ground the tracks cannot follow, looked at every `TRACK_STEP` and `TURN_STEP`.
+    """Raise ProblemError if the ground along a path is too uneven for the tracks.
+
+    The ground is checked at poses of the path at most `TRACK_STEP` and `TURN_STEP` apart, unless
+    that would be more than `MOST_POSES` poses.
+
+    Args:
+        base: Motion of the base.
+        support: Support polygon of the tracks, root frame.
 
     Raises:
-        ProblemError: The ground is too rough, or not on the map under the tracks; the message says
-            where.
+        ProblemError: The ground is too uneven, or the tracks leave the map; the message says where.
     """
     if base.ground.uniform:
         return
@@ -97,29 +111,36 @@ def check_tracks(base: UnicycleMotion, support: SupportPolygon) -> None:
 
 
 def surface_bounds(base: UnicycleMotion, k: Indices, since: Array, length: Array) -> Array:
-    """Bounds on the derivatives of the ground's height under the base over stretches, shape (5, K).
+    """Bounds on the derivatives of the ground's height under the base over K subintervals.
 
-    The path's length bounds how far the base strays from the middle between the two ends of a
-    stretch.
+    In a subinterval, the base stays within half the path length of the midpoint between the two end
+    positions.
 
     Args:
-        base, k, since, length: As in `root_motion_bounds`.
+        base: Motion of the base.
+        k: Index of the interval that contains each subinterval, shape (K,).
+        since: Start of each subinterval, measured from the start of its interval, shape (K,) [s].
+        length: Duration of each subinterval, shape (K,) [s].
+
+    Returns:
+        Bounds in the form of `Terrain.derivative_bounds`, shape (5, K).
     """
     if base.ground.uniform:
         return np.zeros((5, len(k)))
     peaks = base.peaks(k, since, length)
     ends = [base.state_in(k, at)[0][:, :2] for at in (since, since + length)]
-    stray = 0.5 * (peaks[0, 0] * length)[:, None] + STRAY
+    radius = 0.5 * (peaks[0, 0] * length)[:, None] + STRAY
     middle = 0.5 * (ends[0] + ends[1])
-    return base.ground.derivative_bounds(middle - stray, middle + stray)
+    return base.ground.derivative_bounds(middle - radius, middle + radius)
 
 
-def followed(trajectory: Trajectory, ground: Ground) -> Trajectory:
-    """The trajectory with its base, if it has one, on this ground.
+def with_ground(trajectory: Trajectory, ground: Ground) -> Trajectory:
+    """Trajectory whose base, if it moves, drives on the given ground.
 
     Raises:
-        ProblemError: No base can drive on it, or it leaves the map.
-        TrajectoryError: The base's places do not follow from its accelerations there.
+        ProblemError: No base can drive on this ground, or the base leaves the map.
+        TrajectoryError: On this ground, the positions of the base do not follow from its
+            accelerations.
     """
     if trajectory.base is None:
         return trajectory
@@ -128,34 +149,34 @@ def followed(trajectory: Trajectory, ground: Ground) -> Trajectory:
 
 
 def trajectory_zmp(machine: Machine, trajectory: Trajectory, t: Any, ground: Ground) -> Array:
-    """ZMP along a motion, in the root frame, from the complete wrench: of the base's motion too, if there is one.
+    """Zero moment point along a motion of joints and base.
 
     Args:
-        machine: The machine; its joints must be the trajectory's.
-        trajectory: The motion.
-        t: Times, scalar or shape (K,) [s]; at a node the interval that begins there counts.
-        ground: What the machine stands on.
+        machine: Machine with the joints of the trajectory.
+        trajectory: Motion of the machine.
+        t: Times, scalar or shape (K,) [s]; at a node, the acceleration is that of the interval that
+            begins there.
+        ground: Ground on which the machine stands or drives.
 
     Returns:
-        Shape (2,) for a scalar, (K, 2) for an array [m].
+        ZMP in the root frame, shape (2,) for a scalar, (K, 2) for an array [m].
 
     Raises:
-        ProblemError: The trajectory has other joints, or its base moves on other ground than a
-            plane.
-        TrajectoryError: A time outside the trajectory.
-        ContactLost: The ground would have to pull.
+        ProblemError: The trajectory has other joints than the machine, or its base moves and cannot
+            drive on this ground.
+        TrajectoryError: A time is outside the trajectory, or on this ground the positions of the
+            base do not follow from its accelerations.
+        ContactLost: The ground would have to pull at the machine.
     """
     if trajectory.joint_names != machine.joint_names:
         raise ProblemError(
             f"the trajectory moves {trajectory.joint_names}, the machine has {machine.joint_names}"
         )
-    trajectory, height = (
-        followed(trajectory, ground),
-        0.0 if machine.support is None else machine.support.height,
-    )
+    trajectory = with_ground(trajectory, ground)
+    height = 0.0 if machine.support is None else machine.support.height
     states = trajectory(np.atleast_1d(t))
-    k, since = trajectory.place_in(np.atleast_1d(np.asarray(t, dtype=np.float64)))
-    # a base has its own ground
+    k, since = trajectory.locate(np.atleast_1d(np.asarray(t, dtype=np.float64)))
+    # the motion of a moving base includes its ground's gravity
     gravity = ground.gravity() if trajectory.base is None else np.zeros(3)
     twist, root = root_motion(trajectory, gravity, k, since, height=height)
     wrench = ground_reaction(machine, *states, root_acceleration=root, root_velocity=twist)

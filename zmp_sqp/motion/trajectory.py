@@ -1,8 +1,7 @@
-"""A motion with piecewise linear accelerations: exact between its nodes."""
+"""Joint motion with piecewise linear accelerations, evaluated exactly at any time."""
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,35 +12,38 @@ from zmp_sqp.arrays import Array, Indices, frozen_array
 from zmp_sqp.errors import TrajectoryError
 from zmp_sqp.mechanics.ground import Terrain
 from zmp_sqp.mechanics.machine import Machine
+from zmp_sqp.motion.trajectory_csv import read_csv, write_csv
 from zmp_sqp.motion.trajectory_json import read_json, write_json
-from zmp_sqp.motion.unicycle_motion import BASE_COLUMNS, PLANE, UnicycleMotion
+from zmp_sqp.motion.unicycle_motion import PLANE, UnicycleMotion
 
 __all__ = ["Trajectory"]
 
-# [rad or m, and per second] how far a file's positions may be from what its accelerations give
+# [rad or m, and per second] largest difference between given positions or velocities and those that
+# follow from the accelerations; allows for files with rounded numbers
 CONSISTENCY = 1e-6
-QUANTITIES = ("position", "velocity", "acceleration", "jerk")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
-    """Joint motion over nodes t_0 = 0 < ... < t_N.
+    """Motion of n joints, and of the base if it drives, over nodes t_0 = 0 < ... < t_N.
 
-    From node k until node k + 1 the acceleration is a_k + j_k (t - t_k); it may jump at the nodes.
+    In interval k, from node k to node k + 1, the acceleration is a_k + j_k (t - t_k). Positions and
+    velocities are continuous; accelerations may jump at the nodes.
 
     Attributes:
-        joint_names: The n joints.
+        joint_names: Names of the n joints.
         times: Nodes, shape (N+1,) [s].
-        positions: At the nodes, shape (N+1, n) [rad or m].
-        velocities: At the nodes, shape (N+1, n) [rad/s or m/s].
-        accelerations: At the starts of the intervals, shape (N, n) [rad/s^2 or m/s^2].
-        jerks: On the intervals, shape (N, n) [rad/s^3 or m/s^3]; None for piecewise constant
-            accelerations.
-        base: Motion of the base, callable like this one; None stands still.
+        positions: Joint coordinates at the nodes, shape (N+1, n) [rad or m].
+        velocities: Joint rates at the nodes, shape (N+1, n) [rad/s or m/s].
+        accelerations: Accelerations a_k at the starts of the intervals, shape (N, n) [rad/s^2 or
+            m/s^2].
+        jerks: Jerks j_k of the intervals, shape (N, n) [rad/s^3 or m/s^3]; None means zero, that
+            is, piecewise constant accelerations.
+        base: Motion of the base with the nodes of the joints; None if the base stands still.
 
     Raises:
-        TrajectoryError: Shapes differ, entries are not finite, times do not grow from 0, or
-            positions and velocities are not those that the accelerations produce.
+        TrajectoryError: Shapes differ, entries are not finite, times do not increase from 0, or
+            positions and velocities do not follow from the accelerations.
     """
 
     joint_names: tuple[str, ...]
@@ -80,10 +82,11 @@ class Trajectory:
         self._check_consistency(steps[:, None])
 
     def _check_consistency(self, h: Array) -> None:
-        places, rates, _ = self._after(np.arange(self.intervals), h)
+        """Raise TrajectoryError if a node does not follow from the one before; h is (N, 1) [s]."""
+        positions, velocities, _ = self._after(np.arange(self.intervals), h)
         for name, gap in (
-            ("velocities", self.velocities[1:] - rates),
-            ("positions", self.positions[1:] - places),
+            ("velocities", self.velocities[1:] - velocities),
+            ("positions", self.positions[1:] - positions),
         ):
             worst = np.unravel_index(np.argmax(np.abs(gap)), gap.shape)
             if abs(gap[worst]) > CONSISTENCY:
@@ -93,16 +96,34 @@ class Trajectory:
                     "(accelerations run linearly from node to node)"
                 )
 
-    def place_in(self, t: Array) -> tuple[Indices, Array]:
-        """Intervals of times, shape (K,), and the times since their starts [s]."""
+    def locate(self, t: Array) -> tuple[Indices, Array]:
+        """Find the intervals that contain given times.
+
+        A node belongs to the interval that begins there, the last one to the last interval.
+
+        Args:
+            t: Times, shape (K,) [s]; times outside the motion count as its start or end.
+
+        Returns:
+            Indices of the intervals, and the times since their starts [s], shape (K,) each.
+        """
         k = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, self.intervals - 1)
         return k, np.clip(t, 0.0, self.duration) - self.times[k]
 
     def state_in(self, k: Indices, since: Array) -> tuple[Array, Array, Array]:
-        """States (q, v, a) in the intervals k at times `since` after their starts, shape (K,) each [s]."""
+        """Joint states at given times within given intervals.
+
+        Args:
+            k: Indices of the intervals, shape (K,).
+            since: Times since the starts of these intervals, shape (K,) [s].
+
+        Returns:
+            (q, v, a), shape (K, n) each.
+        """
         return self._after(k, since[:, None])
 
     def _after(self, k: Indices, since: Array) -> tuple[Array, Array, Array]:
+        """Joint states (q, v, a) at times `since`, shape (K, 1) [s], in the intervals k (K,)."""
         a, j = self.accelerations[k], self.jerks[k]
         v = self.velocities[k] + since * a + 0.5 * since**2 * j
         q = self.positions[k] + since * self.velocities[k] + 0.5 * since**2 * a + since**3 * j / 6.0
@@ -110,7 +131,7 @@ class Trajectory:
 
     @property
     def duration(self) -> float:
-        """Time of the last node [s]."""
+        """Duration of the motion: time of the last node [s]."""
         return float(self.times[-1])
 
     @property
@@ -119,19 +140,19 @@ class Trajectory:
         return len(self.accelerations)
 
     def __call__(self, t: Any) -> tuple[Array, Array, Array]:
-        """Positions, velocities and accelerations at any time; exact.
+        """Joint positions, velocities and accelerations at given times.
 
-        At a node the acceleration is that of the interval which begins there; at the end, of the
-        last one.
+        At a node the acceleration is that of the interval that begins there; at the last node, that
+        of the last interval.
 
         Args:
-            t: Scalar or shape (K,) [s], within [0, duration].
+            t: Times within [0, duration], scalar or shape (K,) [s].
 
         Returns:
             (q, v, a), shape (n,) each for a scalar, (K, n) each for an array.
 
         Raises:
-            TrajectoryError: A time outside the trajectory or not finite.
+            TrajectoryError: A time is outside the trajectory or not finite.
         """
         shape = np.shape(t)
         when = frozen_array(np.atleast_1d(t), name="t", shape=(None,), error=TrajectoryError)
@@ -140,7 +161,7 @@ class Trajectory:
             raise TrajectoryError(
                 f"t = {outside:.6g} s is outside the trajectory, which lasts {self.duration:.6g} s"
             )
-        k, since = self.place_in(when)
+        k, since = self.locate(when)
         q, v, a = self._after(k, since[:, None])
         return (q[0], v[0], a[0]) if shape == () else (q, v, a)
 
@@ -150,141 +171,97 @@ class Trajectory:
         return np.asarray(self.accelerations + np.diff(self.times)[:, None] * self.jerks)
 
     def within(self, shares: Array) -> tuple[Array, Array, Array, Array]:
-        """States inside every interval, each with that interval's own acceleration.
+        """Joint states at given fractions of every interval.
+
+        At the fractions 0 and 1 the accelerations are those of this interval, not of a neighbour.
 
         Args:
-            shares: Of each interval gone by, shape (s,), from 0 to 1.
+            shares: Fractions of the interval's length, from 0 to 1, shape (s,).
 
         Returns:
-            (t, q, v, a), shapes (N s,) and (N s, n), interval by interval.
+            Times, shape (N s,), and (q, v, a), shape (N s, n) each, ordered by interval.
         """
         since = np.outer(np.diff(self.times), shares)
         k = np.repeat(np.arange(self.intervals), len(shares))
         return ((self.times[:-1, None] + since).ravel(), *self._after(k, since.reshape(-1, 1)))
 
     def to_csv(self, path: str | Path) -> None:
-        """One row per node: time, then position, velocity, acceleration and jerk of every joint; 17 digits, SI units.
+        """Write the motion as CSV, one row per node, SI units, 17 significant digits.
 
-        Acceleration and jerk are those of the interval that begins there; the last row holds the
-        final acceleration. A base adds its columns.
+        The columns are the time, then position, velocity, acceleration and jerk of every joint,
+        then the motion of the base, if there is one. Acceleration and jerk are those of the
+        interval that begins at the node; the last row has the final acceleration and the last jerk.
+
+        Args:
+            path: File to write.
         """
-        header = [
-            "time",
-            *(f"{joint}.{quantity}" for quantity in QUANTITIES for joint in self.joint_names),
-        ]
-        accelerations = np.vstack([self.accelerations, self.end_accelerations[-1:]])
-        jerks = np.vstack([self.jerks, self.jerks[-1:]])
-        table = np.column_stack([self.times, self.positions, self.velocities, accelerations, jerks])
-        if self.base is not None:
-            header, table = [*header, *BASE_COLUMNS], np.hstack([table, self.base.table()])
-        with Path(path).open("w", newline="", encoding="utf-8") as file:
-            writer = csv.writer(file)
-            writer.writerow(header)
-            writer.writerows([format(entry, ".17g") for entry in row] for row in table)
+        write_csv(path, self.joint_names, self.times, self._node_rows(), self.base)
 
     def to_json(self, path: str | Path) -> None:
-        """The fields of ROS's trajectory_msgs/JointTrajectory: joint_names and points, and beside them what it lacks.
+        """Write the motion as JSON, with the fields of ROS's trajectory_msgs/JointTrajectory.
 
-        A point also has `jerks`, `time` to the last digit, and with a base `base`: the columns of
-        `to_csv` by name.
+        These fields are `joint_names` and `points`. Each point has three more fields: `jerks`,
+        `time` in full precision and, if the base moves, `base` with its columns of `to_csv`.
+
+        Args:
+            path: File to write.
         """
+        write_json(path, self.joint_names, self.times, self._node_rows(), self.base)
+
+    def _node_rows(self) -> tuple[Array, Array, Array, Array]:
+        """Positions, velocities, accelerations and jerks at the nodes, shape (N+1, n) each."""
         accelerations = np.vstack([self.accelerations, self.end_accelerations[-1:]])
-        rows = (
+        return (
             self.positions,
             self.velocities,
             accelerations,
             np.vstack([self.jerks, self.jerks[-1:]]),
         )
-        write_json(path, self.joint_names, self.times, rows, self.base)
 
     @classmethod
     def from_json(cls, path: str | Path, machine: Machine, ground: Terrain = PLANE) -> Trajectory:
-        """Trajectory from a file as `to_json` writes it; joints may come in any order, jerks may be left out (zero).
+        """Read a motion in the format of `to_json`.
+
+        Joints may be in any order. Jerks may be left out and are zero then.
 
         Args:
-            path: The file.
-            machine: Whose joints are looked for.
-            ground: What the base, if there is one, drives on; the same for all planes.
+            path: File to read.
+            machine: Machine whose joints the file must have.
+            ground: Ground on which the base drives, if the motion has one; all planes are
+                equivalent.
 
         Raises:
             ProblemError: The base leaves the map.
             TrajectoryError: The file cannot be read, has other joints than the machine, lacks a
-                field, or holds something that is not a consistent motion.
+                field, or does not contain a consistent motion.
         """
-        times, (position, velocity, acceleration, jerk), base = read_json(
-            path, machine.joint_names, ground
-        )
-        return cls(
-            machine.joint_names, times, position, velocity, acceleration[:-1], jerk[:-1], base
-        )
+        return cls._from_rows(machine, *read_json(path, machine.joint_names, ground))
 
     @classmethod
     def from_csv(cls, path: str | Path, machine: Machine, ground: Terrain = PLANE) -> Trajectory:
-        """Trajectory from a file as `to_csv` writes it; columns may come in any order, jerks may be left out (zero).
+        """Read a motion in the format of `to_csv`.
+
+        Columns may be in any order. Jerks may be left out and are zero then.
 
         Args:
-            path: The file.
-            machine: Whose joints are looked for.
-            ground: What the base, if there is one, drives on; the same for all planes.
+            path: File to read.
+            machine: Machine whose joints the file must have.
+            ground: Ground on which the base drives, if the motion has one; all planes are
+                equivalent.
 
         Raises:
             ProblemError: The base leaves the map.
-            TrajectoryError: The file cannot be read, lacks a column of one of the machine's joints,
-                has one that the machine does not know, or holds something that is not a consistent
-                motion.
+            TrajectoryError: The file cannot be read, lacks a column, has an unknown one, or does
+                not contain a consistent motion.
         """
-        names = machine.joint_names
-        wanted = ["time", *(f"{joint}.{quantity}" for quantity in QUANTITIES for joint in names)]
-        try:
-            with Path(path).open(newline="", encoding="utf-8-sig") as file:
-                rows = [row for row in csv.reader(file) if row]
-        except (OSError, UnicodeDecodeError, csv.Error) as cause:
-            raise TrajectoryError(f"cannot read {path}: {cause}") from None
-        header = [name.strip() for name in rows[0]] if rows else []
-        if not any(column.endswith(f".{QUANTITIES[3]}") for column in header):
-            wanted = wanted[: 1 + 3 * len(names)]
-        joint_columns = len(wanted)
-        if BASE_COLUMNS[0] in header:
-            wanted += [name for name in BASE_COLUMNS if name in header or not name.endswith("jerk")]
-        for column in wanted:
-            if header.count(column) != 1:
-                raise TrajectoryError(
-                    f"{path}: column {column!r} must be there once, but is there {header.count(column)} times"
-                )
-        for column in header:
-            if column not in wanted:
-                raise TrajectoryError(
-                    f"{path}: unknown column {column!r}; the machine's joints are {', '.join(names)}"
-                )
-        table = np.empty((len(rows) - 1, len(header)))
-        for number, row in enumerate(rows[1:]):
-            try:
-                if len(row) != len(header):
-                    raise ValueError(f"it has {len(row)} entries")
-                table[number] = [float(entry) for entry in row]
-            except ValueError as cause:
-                raise TrajectoryError(
-                    f"{path}: row {number + 2} is not {len(header)} numbers: {cause}"
-                ) from None
-        table = table[:, [header.index(column) for column in wanted]]
-        n = len(names)
-        motion = table[:, :joint_columns]
-        position, velocity, acceleration, jerk = (
-            motion[:, 1 + i * n : 1 + (i + 1) * n] for i in range(4)
-        )
-        base = None
-        if table.shape[1] > joint_columns:
-            columns = wanted[joint_columns:]
-            absent = np.zeros(len(table))
-            given = dict(zip(columns, table[:, joint_columns:].T, strict=True))
-            parts = [given.get(name, absent) for name in BASE_COLUMNS]
-            base = UnicycleMotion.from_table(table[:, 0], np.column_stack(parts), ground)
+        return cls._from_rows(machine, *read_csv(path, machine.joint_names, ground))
+
+    @classmethod
+    def _from_rows(
+        cls, machine: Machine, times: Array, rows: list[Array], base: UnicycleMotion | None
+    ) -> Trajectory:
+        """Trajectory from the inverse of `_node_rows`."""
+        position, velocity, acceleration, jerk = rows
         return cls(
-            names,
-            table[:, 0],
-            position,
-            velocity,
-            acceleration[:-1],
-            jerk[:-1] if jerk.size else None,
-            base,
+            machine.joint_names, times, position, velocity, acceleration[:-1], jerk[:-1], base
         )

@@ -1,4 +1,4 @@
-"""Motions as JSON: the fields of ROS's trajectory_msgs/JointTrajectory, and what it lacks beside them."""
+"""Motions as JSON files: the fields of ROS's trajectory_msgs/JointTrajectory and some more."""
 
 from __future__ import annotations
 
@@ -16,10 +16,12 @@ from zmp_sqp.motion.unicycle_motion import BASE_COLUMNS, PLANE, UnicycleMotion
 
 __all__ = ["read_json", "write_json"]
 
-FIELDS = ("positions", "velocities", "accelerations", "jerks")  # the last is ours
+FIELDS = ("positions", "velocities", "accelerations", "jerks")  # of a point; ROS has no jerks
 BASE_FIELDS = tuple(name.removeprefix("base.") for name in BASE_COLUMNS)
-STAMP = 2e-9  # [s, relative above one] by which nanoseconds may be off
-MAY_BE_ABSENT = ("jerks", "jerk", "yaw_jerk")  # zero then
+# largest difference between `time` and `time_from_start`, which is rounded to nanoseconds, relative
+# to 1 s + |time|
+STAMP_TOLERANCE = 2e-9
+MAY_BE_ABSENT = ("jerks", "jerk", "yaw_jerk")  # fields that may be left out and are zero then
 
 
 def write_json(
@@ -29,14 +31,18 @@ def write_json(
     rows: Sequence[Array],
     base: UnicycleMotion | None,
 ) -> None:
-    """One point per node: `FIELDS`, time_from_start as sec and nanosec, time [s] to the last digit, and `base`.
+    """Write a motion, one point per node.
+
+    A point has `FIELDS`, `time_from_start` (sec and nanosec, as in ROS), `time` in full precision
+    [s], and `base` if the base moves.
 
     Args:
         path: File to write.
-        joint_names: The n joints.
+        joint_names: Names of the n joints.
         times: Nodes, shape (N+1,) [s].
         rows: One array (N+1, n) for each of `FIELDS`.
-        base: Its columns by name at every point; None leaves them out.
+        base: Motion of the base, written as an object with the keys `BASE_FIELDS`; None writes no
+            such object.
     """
     points = []
     for time, *entries in zip(times.tolist(), *(row.tolist() for row in rows), strict=True):
@@ -57,22 +63,29 @@ def write_json(
 def read_json(
     path: str | Path, joint_names: Sequence[str], ground: Terrain = PLANE
 ) -> tuple[Array, list[Array], UnicycleMotion | None]:
-    """Times (N+1,), one array (N+1, n) for each of `FIELDS` in the order of the joints, and the base's motion.
+    """Read a motion in the format of `write_json`, or a JointTrajectory message as JSON.
+
+    Jerks may be left out and are zero then. `time` may be left out; `time_from_start` replaces it.
+    Unknown fields are ignored.
 
     Args:
-        path: A file as `write_json` writes it, or a JointTrajectory as JSON; jerks may be left out
-            (zero), and `time`, in whose place time_from_start is taken. Fields that are not known
-            are passed over.
-        joint_names: The joints that the file must have, in any order.
-        ground: What the base drives on.
+        path: File to read.
+        joint_names: Names of the n joints that the file must have, in any order.
+        ground: Ground on which the base drives.
+
+    Returns:
+        Times (N+1,) [s]; one array (N+1, n) for each of `FIELDS`, joints in the order of
+        `joint_names`; the motion of the base, or None if the file has none.
 
     Raises:
-        TrajectoryError: The file cannot be read, is no such object, has other joints, or an entry
-            is no finite number; the message names the point and the field.
+        ProblemError: The base leaves the map.
+        TrajectoryError: The file cannot be read, is not such an object, has other joints, has an
+            entry that is not a finite number, or has an inconsistent motion of the base; the
+            message names the point and the field.
     """
     try:
         content = json.loads(Path(path).read_text(encoding="utf-8"))
-    # ValueError: no JSON, no UTF-8, numbers of 5000 digits
+    # ValueError: not JSON, not UTF-8, or an integer with more digits than Python converts
     except (OSError, ValueError, RecursionError) as cause:
         raise TrajectoryError(f"cannot read {path}: {' '.join(str(cause).split())}") from None
     if not isinstance(content, dict) or not isinstance(content.get("points"), list):
@@ -84,7 +97,8 @@ def read_json(
         )
     if sorted(names) != sorted(joint_names):
         raise TrajectoryError(
-            f"{path}: joint_names are {', '.join(names)}, but the machine's joints are {', '.join(joint_names)}"
+            f"{path}: joint_names are {', '.join(names)}, but the machine's joints are "
+            f"{', '.join(joint_names)}"
         )
     order = [names.index(name) for name in joint_names]
     for number, point in enumerate(points):
@@ -109,6 +123,7 @@ def read_json(
 
 
 def _time(point: Mapping[str, Any], where: str) -> float:
+    """Time of a point from `time`, or else from `time_from_start` [s]; both must agree."""
     exact = None
     if "time" in point:
         exact = finite_number(point["time"], name=f"{where}: time", error=TrajectoryError)
@@ -121,13 +136,13 @@ def _time(point: Mapping[str, Any], where: str) -> float:
         _entry(stamp, key, f"{where}: time_from_start ") for key in ("sec", "nanosec")
     )
     rounded = seconds + 1e-9 * nanoseconds
-    if exact is not None and abs(exact - rounded) > STAMP * (1.0 + abs(exact)):
+    if exact is not None and abs(exact - rounded) > STAMP_TOLERANCE * (1.0 + abs(exact)):
         raise TrajectoryError(f"{where}: time says {exact} s, but time_from_start {rounded} s")
     return rounded if exact is None else exact
 
 
 def _column(points: Sequence[Mapping[str, Any]], field: str, size: int, path: str) -> Array:
-    """One field of all points, shape (N+1, size)."""
+    """Values of one field at all points, shape (N+1, size)."""
     if field in MAY_BE_ABSENT and not any(field in point for point in points):
         return np.zeros((len(points), size))
     rows = [
@@ -143,6 +158,7 @@ def _column(points: Sequence[Mapping[str, Any]], field: str, size: int, path: st
 
 
 def _entry(table: Mapping[str, Any], key: str, where: str) -> float:
+    """Finite number under a key; zero if the key is absent and may be."""
     if key in MAY_BE_ABSENT and key not in table:
         return 0.0
     return finite_number(table.get(key), name=f"{where}{key}", error=TrajectoryError)

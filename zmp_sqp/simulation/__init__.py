@@ -1,4 +1,7 @@
-"""Physics replay of motions in MuJoCo, which is an extra: nothing here imports it before it is used."""
+"""Physics simulation of planned motions in MuJoCo.
+
+MuJoCo is an optional dependency and is imported only when it is used.
+"""
 
 from zmp_sqp.simulation.outcome import Replay
 from zmp_sqp.simulation.physics import replay

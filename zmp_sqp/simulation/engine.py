@@ -1,4 +1,4 @@
-"""MuJoCo, imported when it is needed: it is an extra."""
+"""Imports the optional packages MuJoCo and Pillow when they are needed."""
 
 from __future__ import annotations
 
@@ -11,23 +11,30 @@ from zmp_sqp.errors import MissingExtra
 
 __all__ = ["load_mujoco", "load_pillow", "open_canvas"]
 
-DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
-RENDERER = "MUJOCO_GL"  # how MuJoCo is told what to draw with
+DISPLAYS = (
+    "DISPLAY",
+    "WAYLAND_DISPLAY",
+)  # environment variables that are set if there is a display
+RENDERER = "MUJOCO_GL"  # environment variable that selects MuJoCo's OpenGL backend
 
 
 def load_mujoco() -> Any:
-    """The package `mujoco`.
+    """Import and return the package `mujoco`.
 
     Raises:
-        MissingExtra: It is not installed.
+        MissingExtra: MuJoCo is not installed.
     """
     return _load("mujoco", "mujoco", purpose="a replay")
 
 
 def open_canvas(width: int, height: int) -> Any:
-    """An OpenGL context of MuJoCo's to draw in memory, made current: EGL on Linux without a display.
+    """Create an OpenGL context for drawing into memory and make it current.
 
-    `MUJOCO_GL` in the environment chooses another one; MuJoCo reads it once, at its import.
+    On Linux without a display this is an EGL context, elsewhere MuJoCo's default. The environment
+    variable `MUJOCO_GL` selects another backend; MuJoCo reads it once, when it is imported.
+
+    Args:
+        width, height: Size of the picture [pixels].
 
     Raises:
         MissingExtra: MuJoCo is not installed, or OpenGL does not work here.
@@ -41,7 +48,7 @@ def open_canvas(width: int, height: int) -> Any:
             width, height
         )
         canvas.make_current()
-    except Exception as cause:  # whatever the drivers and their bindings raise
+    except Exception as cause:  # drivers and their bindings raise exceptions of many types
         complaint = " ".join(str(cause).split())
         raise MissingExtra(
             f"nothing can be drawn here ({complaint}): install EGL, or set {RENDERER}=osmesa"
@@ -50,15 +57,16 @@ def open_canvas(width: int, height: int) -> Any:
 
 
 def load_pillow(module: str) -> Any:
-    """A module of Pillow, such as "Image".
+    """Import and return a module of Pillow, such as "Image".
 
     Raises:
-        MissingExtra: It is not installed.
+        MissingExtra: Pillow is not installed.
     """
     return _load(f"PIL.{module}", "Pillow", purpose="a picture of a replay")
 
 
 def _load(module: str, package: str, *, purpose: str) -> Any:
+    """Import a module; raises MissingExtra if its package is not installed."""
     try:
         return import_module(module)
     except ModuleNotFoundError as cause:

@@ -1,4 +1,4 @@
-"""The machine in MuJoCo, built from its Pinocchio model: the same inertias, joints and support polygon."""
+"""MuJoCo model of a machine: inertias, joints and support polygon of its Pinocchio model."""
 
 from __future__ import annotations
 
@@ -12,20 +12,26 @@ from zmp_sqp.arrays import Array
 from zmp_sqp.errors import MachineError
 from zmp_sqp.mechanics.ground import GRAVITY, Ground
 from zmp_sqp.mechanics.machine import Machine
+from zmp_sqp.mechanics.support import SupportPolygon
 from zmp_sqp.simulation.engine import load_mujoco
 from zmp_sqp.simulation.shapes import Solid
 
 __all__ = ["contact_time", "foot_name", "multibody_spec"]
 
-FOOT = 0.01  # [m] radius of the spheres that stand on the ground
-DRIVE = 1e5  # [kg m^2 or kg] of a drive per kg of machine; 1e3 to 1e9 give the same motion
-LEAST_INERTIA = 1e-9  # [m^2] of a body per kg of it: MuJoCo takes no point masses
-# time constant [s] and impedance of contacts that yield by about a micrometre
+FOOT_RADIUS = 0.01  # [m] radius of the contact spheres
+# [kg m^2 or kg] inertia of a joint's drive per kg of the machine: far above the machine's own
+# inertia; values from 1e3 to 1e9 give the same motion
+DRIVE_INERTIA = 1e5
+# [m^2] moment of inertia added to a body per kg of its mass, because MuJoCo refuses point masses
+LEAST_INERTIA = 1e-9
+# time constant [s] and impedance of contacts on rigid ground, which yield by about a micrometre
 RIGID = (0.01, 0.999)
-# impedance at which MuJoCo's spring and damper are those of its time constant: critically damped
-SOFT = 0.5
-FRICTION_RATIO = 10.0  # how much harder friction is than the normal force
-SOLVER = {"tolerance": 1e-12, "iterations": 200}  # 1e-6 changes lifts by 2 to 4 %, 1e-8 no more
+# impedance of contacts on soft ground: at 0.5, MuJoCo's time constant is that of the contact's
+# critically damped spring and damper
+SOFT_IMPEDANCE = 0.5
+FRICTION_RATIO = 10.0  # MuJoCo's impratio: stiffness of friction over that of the normal force
+# MuJoCo's solver settings; a tolerance of 1e-6 changes lifts by 2 to 4 %, one of 1e-8 does not
+SOLVER = {"tolerance": 1e-12, "iterations": 200}
 
 
 def foot_name(corner: int) -> str:
@@ -42,30 +48,35 @@ def multibody_spec(
     sinkage: float = 0.0,
     solids: Iterable[Solid] = (),
 ) -> Any:
-    """MuJoCo's description of the machine, its root on a free joint, its feet on the ground.
+    """MuJoCo description of a machine that stands freely on the ground.
 
-    The world is the root frame of the machine at rest: the ground stays level and gravity is
-        tilted. A sphere stands
-    with its lowest point at each corner of the support polygon; nothing else touches. Each joint
-    carries a drive of an inertia far above the machine's, so that a force of that inertia times an
-    acceleration prescribes the joint's acceleration, whatever the rest of the machine does; the
-    drive's inertia counts in the joint's own equation alone, and the root feels the joints' motion
-    as it is.
+    The world frame is the root frame of the machine at rest, so that the ground plane is level and
+    gravity is tilted. The root has a free joint. A sphere touches the ground at each corner of the
+    support polygon; nothing else has contacts.
+
+    Each joint has a drive (MuJoCo's armature) whose inertia is far above the machine's. A drive
+    force of this inertia times an acceleration therefore prescribes the joint's acceleration,
+    whatever the rest of the machine does. The drive's inertia appears only in the equation of its
+    own joint; the reaction on the root is that of the moving bodies alone.
 
     Args:
-        machine: With a support polygon.
-        ground: For its gravity.
-        time_step: Of the simulation [s].
-        friction: Coefficients of a foot's friction against sliding [-] and against twisting [m].
-        sinkage: How far the ground yields under the machine at rest, a spring and a damper below
-            each foot; 0 is as rigid as MuJoCo can be [m].
-        solids: To be drawn.
+        machine: Machine with a support polygon.
+        ground: Ground on which it stands; only its gravity is used.
+        time_step: Time step of the simulation [s].
+        friction: Friction coefficients of a foot against sliding [-] and against twisting [m].
+        sinkage: Depth to which the ground yields under the machine at rest, as a spring and a
+            damper below each foot [m]; 0 is as rigid as MuJoCo allows.
+        solids: Solids to be drawn, without contacts.
 
     Returns:
-        A `mujoco.MjSpec`.
+        Description of the model, a `mujoco.MjSpec`.
+
+    Raises:
+        MissingExtra: MuJoCo is not installed.
+        MachineError: The machine has no support polygon.
     """
     mujoco = load_mujoco()
-    support, model = machine.support, machine.model
+    support = machine.support
     if support is None:
         raise MachineError(f"machine {machine.name!r} has no support polygon to stand on")
     spec = mujoco.MjSpec()
@@ -74,21 +85,45 @@ def multibody_spec(
     spec.option.cone, spec.option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, FRICTION_RATIO
     for key, value in SOLVER.items():
         setattr(spec.option, key, value)
-    time, impedance = (contact_time(sinkage), SOFT) if sinkage > 0.0 else RIGID
-    contact = {
-        "condim": 4,  # normal, two of sliding, twisting
+    contact = _contact(friction, sinkage)
+    _add_ground(spec, support, contact)
+    bodies = _add_bodies(spec, machine)
+    _add_feet(bodies[1], support, contact)
+    for solid in solids:
+        kind = getattr(mujoco.mjtGeom, f"mjGEOM_{solid.kind.upper()}")
+        look = {"type": kind, "size": solid.size, "rgba": solid.colour}
+        bodies[solid.joint].add_geom(contype=0, conaffinity=0, **look, **_pose(solid.placement))
+    return spec
+
+
+def _contact(friction: tuple[float, float], sinkage: float) -> dict[str, Any]:
+    """Contact parameters that ground and feet share; see `multibody_spec` for the arguments."""
+    time, impedance = (contact_time(sinkage), SOFT_IMPEDANCE) if sinkage > 0.0 else RIGID
+    return {
+        "condim": 4,  # forces: normal, two of sliding friction, torque against twisting
         "friction": [*friction, 0.0],
         "solref": [time, 1.0],
         "solimp": [impedance, impedance, 0.001, 0.5, 2.0],
     }
-    plane = {
-        "type": mujoco.mjtGeom.mjGEOM_PLANE,
-        "size": [0.0, 0.0, 1.0],
-        "pos": [0.0, 0.0, support.height],
-    }
+
+
+def _add_ground(spec: Any, support: SupportPolygon, contact: dict[str, Any]) -> None:
+    """Add the plane on which the feet stand; it is not drawn."""
     spec.worldbody.add_geom(
-        name="ground", contype=1, conaffinity=2, rgba=[0.0] * 4, **plane, **contact
+        name="ground",
+        type=load_mujoco().mjtGeom.mjGEOM_PLANE,
+        size=[0.0, 0.0, 1.0],
+        pos=[0.0, 0.0, support.height],
+        rgba=[0.0] * 4,
+        contype=1,
+        conaffinity=2,
+        **contact,
     )
+
+
+def _add_bodies(spec: Any, machine: Machine) -> list[Any]:
+    """Add the machine's bodies and joints; returns MuJoCo's body of each Pinocchio joint."""
+    mujoco, model = load_mujoco(), machine.model
     bodies = [spec.worldbody]
     for joint in range(1, model.njoints):
         placement = model.jointPlacements[joint]
@@ -99,41 +134,54 @@ def multibody_spec(
             body.add_freejoint(name="root")
             continue
         axis, slides = _axis(model, joint)
-        kind = mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE
-        body.add_joint(name=model.names[joint], type=kind, axis=axis, armature=DRIVE * machine.mass)
+        body.add_joint(
+            name=model.names[joint],
+            type=mujoco.mjtJoint.mjJNT_SLIDE if slides else mujoco.mjtJoint.mjJNT_HINGE,
+            axis=axis,
+            armature=DRIVE_INERTIA * machine.mass,
+        )
+    return bodies
+
+
+def _add_feet(root: Any, support: SupportPolygon, contact: dict[str, Any]) -> None:
+    """Add a contact sphere at each corner of the support polygon."""
     for corner, (x, y) in enumerate(support.vertices):
-        bodies[1].add_geom(
+        root.add_geom(
             name=foot_name(corner),
-            type=mujoco.mjtGeom.mjGEOM_SPHERE,
-            size=[FOOT, 0.0, 0.0],
+            type=load_mujoco().mjtGeom.mjGEOM_SPHERE,
+            size=[FOOT_RADIUS, 0.0, 0.0],
             rgba=[0.0] * 4,
-            pos=[x, y, support.height + FOOT],
+            pos=[x, y, support.height + FOOT_RADIUS],
             contype=2,
             conaffinity=1,
             **contact,
         )
-    for solid in solids:
-        kind = getattr(mujoco.mjtGeom, f"mjGEOM_{solid.kind.upper()}")
-        look = {"type": kind, "size": solid.size, "rgba": solid.colour}
-        bodies[solid.joint].add_geom(contype=0, conaffinity=0, **look, **_pose(solid.placement))
-    return spec
 
 
 def contact_time(sinkage: float) -> float:
-    """MuJoCo's time constant of a ground that yields so far under a standing machine, s = g (SOFT t)^2 [s]."""
-    return float(np.sqrt(sinkage / GRAVITY)) / SOFT
+    """MuJoCo's time constant t of soft ground [s], from sinkage = g (SOFT_IMPEDANCE t)^2.
+
+    Args:
+        sinkage: Depth to which the ground yields under a machine at rest [m].
+    """
+    return float(np.sqrt(sinkage / GRAVITY)) / SOFT_IMPEDANCE
 
 
 def _pose(placement: Any) -> dict[str, Any]:
+    """Position and quaternion of a `pin.SE3` as MuJoCo's keyword arguments."""
     turn = pin.Quaternion(placement.rotation)
     return {"pos": placement.translation, "quat": [turn.w, turn.x, turn.y, turn.z]}
 
 
 def _set_inertia(body: Any, inertia: Any) -> None:
-    """As it is, but for what makes it a body that MuJoCo takes: positive moments, of which no two fall short."""
+    """Set the mass properties of a body.
+
+    The moments of inertia are increased just enough for MuJoCo to accept them: all must be
+    positive, and the sum of any two at least the third.
+    """
     tensor = np.array(inertia.inertia)
     moments = np.linalg.eigvalsh(tensor)  # ascending
-    # CAD files round: at most a thousandth
+    # violation of the triangle inequality by rounding in CAD files: at most a thousandth
     lacking = max(moments[2] - moments[1] - moments[0], 0.0)
     tensor += (lacking + LEAST_INERTIA * (inertia.mass + moments[2])) * np.eye(3)
     body.mass, body.ipos, body.explicitinertial = inertia.mass, inertia.lever, True
@@ -141,7 +189,7 @@ def _set_inertia(body: Any, inertia: Any) -> None:
 
 
 def _axis(model: Any, joint: int) -> tuple[Array, bool]:
-    """Axis of a joint in its own frame, and whether it slides along it."""
+    """Axis of a joint in the joint's frame, shape (3,), and whether the joint slides along it."""
     kind = model.joints[joint]
     data = kind.createData()
     kind.calc(data, pin.neutral(model))

@@ -1,10 +1,13 @@
-"""Replays a motion in MuJoCo: the machine stands free on the slope, its joints follow the trajectory."""
+"""Replays a motion in MuJoCo: the joints follow it, and the machine stands freely on its ground."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
 import numpy as np
 
-from zmp_sqp.arrays import finite_number
+from zmp_sqp.arrays import Array, Indices, finite_number
 from zmp_sqp.errors import MachineError, ProblemError, TrajectoryError
 from zmp_sqp.mechanics.ground import Ground
 from zmp_sqp.mechanics.machine import Machine
@@ -15,10 +18,12 @@ from zmp_sqp.simulation.outcome import Replay
 
 __all__ = ["replay"]
 
-SETTLING = 0.5  # [s] at rest before the motion
-AT_REST = 1e-5  # [rad/s or m/s] of a motion's end: what plans leave of zero is less
-LONGEST_STEP = 5e-3  # [s] of the simulation: half of the rigid contacts' time constant
-FALLEN = np.cos(np.pi / 4)  # cosine of the tilt at which a replay ends
+SETTLING = 0.5  # [s] simulated time at rest before the motion, in which the contacts settle
+# [rad/s or m/s] largest final rate of a motion that counts as ending at rest; planned motions that
+# end at rest stay below it
+AT_REST = 1e-5
+LONGEST_STEP = 5e-3  # [s] largest time step: half the time constant of rigid contacts
+FALLEN = np.cos(np.pi / 4)  # cosine of the tilt at which a machine has fallen over
 
 
 def replay(
@@ -31,87 +36,210 @@ def replay(
     friction: float = 10.0,
     sinkage: float = 0.0,
 ) -> Replay:
-    r"""Physics of a motion: contact and friction under the machine instead of the assumption that it stands.
+    r"""Simulate a motion with contact and friction between machine and ground.
 
-    The joints are driven kinematically: in each step the acceleration
+    Planning assumes that the machine stands; the simulation does not. The joints are driven
+    kinematically: in each step of length h, the acceleration
 
     .. math:: a_k = (q^*(t_{k+1}) - q_k - h v_k) / h^2
 
-    takes them to the trajectory's next positions, whatever that costs. So it is the motion that is
-    judged, not a controller. The undercarriage is a free rigid body on feet at the corners of the
-    support polygon, of friction high enough not to slide, as the zero moment point takes for
-    granted. With a lower one, `Replay.slide` says how far the motion is from that; point feet turn
-    about a corner that carries the machine alone, which tracks do not.
+    takes them to the trajectory's next positions q^*, whatever force this needs. The result thus
+    judges the motion and not a controller.
+
+    The undercarriage is a free rigid body on feet at the corners of the support polygon. The
+    default friction keeps them from sliding, as the zero moment point assumes; with less friction,
+    `Replay.slide` tells how far they slide. Unlike tracks, a foot that alone carries the machine
+    lets it turn about this foot.
 
     Args:
-        machine: With a support polygon; the trajectory must be of its joints.
-        trajectory: The motion; its base must stand.
-        ground: What the machine stands on.
-        time_step: Of the simulation, at most 5 ms [s].
-        hold: How long the machine stands still after a motion that ends at rest [s].
-        friction: Coefficient of a foot's friction; times 1 m, that against twisting on the spot.
-        sinkage: How far the ground yields under a machine that stands evenly, like a spring and a
-            damper [m]; 0 is rigid. A machine leans on ground that yields, and its other side rises:
-            go by `fell` and `max_tilt` there.
+        machine: Machine with a support polygon and the joints of the trajectory.
+        trajectory: Motion of the joints; the base must stand still.
+        ground: Ground on which the machine stands.
+        time_step: Time step of the simulation, at most 5 ms [s].
+        hold: Simulated time after a motion that ends at rest [s].
+        friction: Friction coefficient of a foot [-]; times 1 m, it is the coefficient against
+            twisting on the spot.
+        sinkage: Depth to which the ground yields, as springs and dampers, under an evenly loaded
+            machine [m]; 0 is rigid. On yielding ground a machine leans to one side, so that its
+            other side rises without tipping: judge by `fell` and `max_tilt` there.
+
+    Returns:
+        Motion of the machine and loads of its feet.
 
     Raises:
         MissingExtra: MuJoCo is not installed.
-        MachineError: No machine, or no support polygon.
-        TrajectoryError: No trajectory.
-        ProblemError: Other joints, a base that drives, or a setting out of its range.
+        MachineError: Not a Machine, or one without a support polygon.
+        TrajectoryError: Not a Trajectory.
+        ProblemError: The trajectory has other joints, its base drives, or a setting is out of its
+            range.
     """
     _check(machine, trajectory, ground)
-    h = _setting(time_step, name="time_step", least=1e-6, most=LONGEST_STEP)
-    rest = _setting(hold, name="hold", least=0.0, most=3600.0)
-    if np.abs(trajectory.velocities[-1]).max() > AT_REST:
-        rest = 0.0  # it would stop with a blow
-    grip = _setting(friction, name="friction", least=0.0, most=1e3)
-    soft = _setting(sinkage, name="sinkage", least=0.0, most=1.0)
-    if soft > 0.0 and contact_time(soft) < 2.0 * h:
-        raise ProblemError(
-            f"a sinkage of {soft:g} m is too little for a time_step of {h:g} s: shorten it, or give 0"
-        )
-    mujoco = load_mujoco()
-    model = multibody_spec(
-        machine, ground, time_step=h, friction=(grip, grip * 1.0), sinkage=soft
-    ).compile()
-    data = mujoco.MjData(model)
-    joints = [model.joint(name) for name in machine.joint_names]
-    at_q = np.array([joint.qposadr[0] for joint in joints])
-    at_v = np.array([joint.dofadr[0] for joint in joints])
-    drive = model.dof_armature[at_v]
-    corners = len(machine.support.vertices)  # type: ignore[union-attr]
-    first_foot = model.geom(foot_name(0)).id
-    corner_of = np.arange(model.ngeom) - first_foot  # feet follow one another
+    settings = _Settings.checked(
+        trajectory, time_step=time_step, hold=hold, friction=friction, sinkage=sinkage
+    )
+    record = _simulate(_Simulation.of(machine, ground, settings), trajectory, settings)
+    times = np.asarray(settings.time_step * np.arange(len(record.poses)), dtype=np.float64)
+    return Replay(machine, trajectory, ground, times, *record)
 
-    before, after = round(SETTLING / h), int(np.ceil((trajectory.duration + rest) / h))
-    wanted = trajectory(np.minimum(h * np.arange(after + 2), trajectory.duration))[0]  # (K + 1, n)
-    data.qpos[at_q] = wanted[0]
-    poses, loads = np.empty((after + 1, 7)), np.zeros((after + 1, corners))
-    error, fell, count = 0.0, False, after + 1
-    for k in range(-before, after + 1):
-        if k == 0:  # the rate half a step ago, so that the first step has the first acceleration
-            data.qvel[at_v] = trajectory.velocities[0] - 0.5 * h * trajectory.accelerations[0]
-        target = wanted[max(k + 1, 0)]
-        data.qfrc_applied[at_v] = drive * (target - data.qpos[at_q] - h * data.qvel[at_v]) / h**2
-        if k >= 0:
-            poses[k] = data.qpos[:7]
-        mujoco.mj_step(model, data)
-        error = max(error, float(np.abs(data.qpos[at_q] - target).max()))
-        if k >= 0:
-            contact = data.contact
-            rows = contact.efc_address  # of the normal force, -1 for contacts without one
-            np.add.at(
-                loads[k], corner_of[contact.geom[:, 1]][rows >= 0], data.efc_force[rows[rows >= 0]]
+
+@dataclass(frozen=True, slots=True)
+class _Settings:
+    """Checked settings of a replay; see `replay` for their meaning."""
+
+    time_step: float
+    hold: float
+    friction: float
+    sinkage: float
+
+    @classmethod
+    def checked(
+        cls,
+        trajectory: Trajectory,
+        *,
+        time_step: float,
+        hold: float,
+        friction: float,
+        sinkage: float,
+    ) -> _Settings:
+        """Check the ranges; a motion that does not end at rest gets no hold.
+
+        Raises:
+            ProblemError: A setting is out of its range.
+        """
+        h = _setting(time_step, name="time_step", least=1e-6, most=LONGEST_STEP)
+        rest = _setting(hold, name="hold", least=0.0, most=3600.0)
+        if np.abs(trajectory.velocities[-1]).max() > AT_REST:
+            rest = 0.0  # the joints would stop within one step, with a blow
+        grip = _setting(friction, name="friction", least=0.0, most=1e3)
+        soft = _setting(sinkage, name="sinkage", least=0.0, most=1.0)
+        if soft > 0.0 and contact_time(soft) < 2.0 * h:
+            raise ProblemError(
+                f"a sinkage of {soft:g} m is too little for a time_step of {h:g} s: "
+                "shorten the time_step, or give 0"
             )
+        return cls(h, rest, grip, soft)
+
+
+class _Record(NamedTuple):
+    """Last four attributes of `Replay`: what a simulation has recorded."""
+
+    poses: Array
+    loads: Array
+    tracking_error: float
+    fell: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Simulation:
+    """MuJoCo simulation of a machine whose joints are driven kinematically.
+
+    Attributes:
+        mujoco: The package.
+        model: `mujoco.MjModel` of the machine on its ground.
+        data: `mujoco.MjData`, the state of the simulation.
+        time_step: Length of a step [s].
+        at_q, at_v: Index of each joint in MuJoCo's positions and rates, shape (n,) each.
+        drive: Inertia of each joint's drive, shape (n,) [kg m^2 or kg].
+        corner_of: Corner of the support polygon whose foot a geometry is, by index of the geometry.
+        corners: Number V of corners of the support polygon.
+    """
+
+    mujoco: Any
+    model: Any
+    data: Any
+    time_step: float
+    at_q: Indices
+    at_v: Indices
+    drive: Array
+    corner_of: Indices
+    corners: int
+
+    @classmethod
+    def of(cls, machine: Machine, ground: Ground, settings: _Settings) -> _Simulation:
+        """Simulation of a machine on its ground, before the first step."""
+        mujoco = load_mujoco()
+        model = multibody_spec(
+            machine,
+            ground,
+            time_step=settings.time_step,
+            friction=(settings.friction, settings.friction * 1.0),  # 1.0 m: lever of twisting
+            sinkage=settings.sinkage,
+        ).compile()
+        joints = [model.joint(name) for name in machine.joint_names]
+        at_v = np.array([joint.dofadr[0] for joint in joints])
+        return cls(
+            mujoco,
+            model,
+            mujoco.MjData(model),
+            settings.time_step,
+            at_q=np.array([joint.qposadr[0] for joint in joints]),
+            at_v=at_v,
+            drive=model.dof_armature[at_v],
+            corner_of=np.arange(model.ngeom) - model.geom(foot_name(0)).id,  # feet are consecutive
+            corners=len(machine.support.vertices),  # type: ignore[union-attr]
+        )
+
+    @property
+    def root_pose(self) -> Array:
+        """Position and quaternion (w, x, y, z) of the root, shape (7,)."""
+        return np.asarray(self.data.qpos[:7])
+
+    def set_positions(self, q: Array) -> None:
+        """Set the joint coordinates, shape (n,)."""
+        self.data.qpos[self.at_q] = q
+
+    def set_rates(self, v: Array) -> None:
+        """Set the joint rates, shape (n,)."""
+        self.data.qvel[self.at_v] = v
+
+    def step_to(self, target: Array) -> float:
+        """Simulate one step in which the joints are driven to `target`, shape (n,).
+
+        The drive forces are drive * (target - q - h v) / h^2, see `replay`.
+
+        Returns:
+            Largest distance of a joint from its target after the step [rad or m].
+        """
+        data, h = self.data, self.time_step
+        change = target - data.qpos[self.at_q] - h * data.qvel[self.at_v]
+        data.qfrc_applied[self.at_v] = self.drive * change / h**2
+        self.mujoco.mj_step(self.model, data)
+        return float(np.abs(data.qpos[self.at_q] - target).max())
+
+    def foot_loads(self) -> Array:
+        """Normal force on the foot at each corner in the last step, shape (V,) [N]."""
+        loads, contact = np.zeros(self.corners), self.data.contact
+        rows = contact.efc_address  # of the normal force, -1 for contacts without one
+        corner = self.corner_of[contact.geom[:, 1]]
+        np.add.at(loads, corner[rows >= 0], self.data.efc_force[rows[rows >= 0]])
+        return loads
+
+
+def _simulate(simulation: _Simulation, trajectory: Trajectory, settings: _Settings) -> _Record:
+    """Let the machine settle at rest, then drive its joints along a trajectory."""
+    h = settings.time_step
+    before = round(SETTLING / h)
+    after = int(np.ceil((trajectory.duration + settings.hold) / h))
+    wanted = trajectory(np.minimum(h * np.arange(after + 2), trajectory.duration))[0]  # (K + 1, n)
+    simulation.set_positions(wanted[0])
+    poses, loads = np.empty((after + 1, 7)), np.zeros((after + 1, simulation.corners))
+    error = 0.0
+    for k in range(-before, after + 1):  # negative steps: at rest before the motion
+        if k == 0:  # the rate half a step ago, so that the first step has the first acceleration
+            simulation.set_rates(trajectory.velocities[0] - 0.5 * h * trajectory.accelerations[0])
+        if k >= 0:
+            poses[k] = simulation.root_pose
+        error = max(error, simulation.step_to(wanted[max(k + 1, 0)]))
+        if k >= 0:
+            loads[k] = simulation.foot_loads()
+            # 1 - 2 (x^2 + y^2) of the quaternion: z component of the root's z axis
             if 1.0 - 2.0 * (poses[k, 4] ** 2 + poses[k, 5] ** 2) < FALLEN:
-                fell, count = True, k + 1
-                break
-    times = np.asarray(h * np.arange(count), dtype=np.float64)
-    return Replay(machine, trajectory, ground, times, poses[:count], loads[:count], error, fell)
+                return _Record(poses[: k + 1], loads[: k + 1], error, fell=True)
+    return _Record(poses, loads, error, fell=False)
 
 
 def _setting(value: float, *, name: str, least: float, most: float) -> float:
+    """Number within [least, most]; raises ProblemError otherwise."""
     number = finite_number(value, name=name, error=ProblemError)
     if not least <= number <= most:
         raise ProblemError(f"{name} must be from {least:g} to {most:g}, not {number:g}")
@@ -119,6 +247,7 @@ def _setting(value: float, *, name: str, least: float, most: float) -> float:
 
 
 def _check(machine: Machine, trajectory: Trajectory, ground: Ground) -> None:
+    """Raise unless the arguments of `replay` have the right types and match."""
     if not isinstance(machine, Machine):
         raise MachineError(
             f"machine must be a Machine (see load_machine), not {type(machine).__name__}"

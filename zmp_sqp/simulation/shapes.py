@@ -1,4 +1,4 @@
-"""What a machine looks like: the visuals of its URDF if it is one of ours, else bars from joint to joint."""
+"""Solids to draw a machine: visuals of a shipped URDF, or bars between the joints of any other."""
 
 from __future__ import annotations
 
@@ -16,23 +16,25 @@ from zmp_sqp.mechanics.urdf.loader import shipped_machines
 
 __all__ = ["Solid", "machine_solids"]
 
-STEEL, WOOD = (0.35, 0.37, 0.40, 1.0), (0.55, 0.38, 0.22, 1.0)
-SLENDER = 0.03  # radius of a stem over its length, at least
-# thickness as a share of the footprint's size, height of the bar machine's base [m]
-BAR, PLATE = 0.02, 0.2
+STEEL, WOOD = (0.35, 0.37, 0.40, 1.0), (0.55, 0.38, 0.22, 1.0)  # red, green, blue, opacity
+SLENDER = 0.03  # least radius of a drawn payload over its length
+# radius of a bar over half the size of the support polygon; also the least half size and radius of
+# a drawn solid [m]
+BAR = 0.02
+PLATE = 0.2  # [m] height of the plate that stands for an undercarriage
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solid:
-    """One body to draw.
+    """Geometric solid to be drawn.
 
     Attributes:
         kind: 'box', 'cylinder', 'capsule' or 'sphere'.
         size: Half edges of a box; radius and half length of a cylinder or capsule; radius of a
             sphere [m].
-        joint: Index of the joint in the Pinocchio model that moves it.
-        placement: `pin.SE3` of it in that joint's frame.
-        colour: Red, green, blue, opacity, from 0 to 1.
+        joint: Index of the joint in the Pinocchio model that moves the solid.
+        placement: Placement of the solid in that joint's frame, a `pin.SE3`.
+        colour: Red, green, blue and opacity, from 0 to 1.
     """
 
     kind: str
@@ -43,13 +45,14 @@ class Solid:
 
 
 def machine_solids(machine: Machine) -> list[Solid]:
-    """Everything of a machine that can be drawn, its payloads included."""
+    """All solids of a machine, including its payloads."""
     path = shipped_machines().get(machine.name)
     known = path is not None and {link.name for link in _links(machine)} == set(_urdf_links(path))
     return [*(_visuals(machine, path) if known else _bars(machine)), *_payloads(machine)]
 
 
 def _links(machine: Machine) -> list[Any]:
+    """Frames of the machine's links."""
     return [
         frame
         for frame in machine.model.frames
@@ -58,10 +61,12 @@ def _links(machine: Machine) -> list[Any]:
 
 
 def _urdf_links(path: Any) -> list[str]:
+    """Names of the links in a URDF."""
     return [link.attrib["name"] for link in ET.parse(path).getroot().findall("link")]
 
 
 def _visuals(machine: Machine, path: Any) -> Iterator[Solid]:
+    """Visual elements of the machine's URDF, except meshes."""
     robot = ET.parse(path).getroot()
     colours = {
         material.get("name"): tuple(map(float, paint.attrib["rgba"].split()))
@@ -87,7 +92,11 @@ def _visuals(machine: Machine, path: Any) -> Iterator[Solid]:
 
 
 def _bars(machine: Machine) -> Iterator[Solid]:
-    """A plate on the ground, and a bar from every joint to the next, or to the centre of mass of the last body."""
+    """Stand-ins for a machine without known visuals.
+
+    A plate stands on the ground. A bar leads from each joint to the next, or from the last joint to
+    the centre of mass of the last body, and a sphere marks each joint.
+    """
     model, support = machine.model, machine.support
     points = np.zeros((1, 2)) if support is None else support.vertices
     low, high, height = (
@@ -118,15 +127,17 @@ def _bars(machine: Machine) -> Iterator[Solid]:
 
 
 def _payloads(machine: Machine) -> Iterator[Solid]:
-    """Uniform cylinders of the payloads' masses and moments of inertia, m r^2 / 2 and m (l^2 / 12 + r^2 / 4).
+    """Payloads as uniform cylinders.
 
-    A point mass is drawn as a stem that its frame holds at one end.
+    Radius r and length l follow from a payload's mass m and its moments of inertia m r^2 / 2 and
+    m (l^2 / 12 + r^2 / 4). A point mass is drawn as a rod that begins at the frame that carries it.
     """
     for frame in machine.model.frames:
         if frame.type != pin.FrameType.OP_FRAME or frame.inertia.mass <= 0.0:
             continue
         mass, lever = frame.inertia.mass, np.array(frame.inertia.lever)
-        moments, axes = np.linalg.eigh(np.array(frame.inertia.inertia))  # ascending: its axis first
+        # ascending: the axis of the cylinder comes first
+        moments, axes = np.linalg.eigh(np.array(frame.inertia.inertia))
         radius = float(np.sqrt(2.0 * max(moments[0], 0.0) / mass))
         length = float(np.sqrt(max(12.0 * moments[2] / mass - 3.0 * radius**2, 0.0)))
         axes = axes[:, [1, 2, 0]] * np.array([1.0, 1.0, np.linalg.det(axes)])

@@ -1,4 +1,4 @@
-"""Rigorous bounds on how the root of a base moves that drives on a surface, from bounds on its derivatives."""
+"""Rigorous bounds on the motion of the root of a base that drives on a plane or a surface."""
 
 from __future__ import annotations
 
@@ -13,24 +13,28 @@ __all__ = ["root_bounds", "turning_on_surface"]
 
 
 def root_bounds(peaks: Array, surface: Array | None = None, height: float = 0.0) -> Array:
-    r"""Bounds on the motion of a root whose foot o - h n moves with a speed times a unit vector fixed in the root.
+    r"""Bounds on the linear and angular motion of the root over K intervals of time.
 
-    .. math:: o' = s e + h n', \quad |n^{(k)}|, |e^{(k)}| \text{ from } \omega \text{
-        (`norms.turning`)}
+    The contact point o - h n below the root origin o drives with the speed s along the heading e;
+    e and the ground normal n are unit vectors fixed in the root. Hence
+
+    .. math:: o' = s e + h n'
+
+    and `norms.turning` bounds the derivatives of e and n from those of the angular velocity.
 
     Args:
-        peaks: Largest |speed|, |acceleration| and |jerk| along the heading, and |yaw rate|, |yaw
-            acceleration| and |yaw jerk|, shape (2, 3, K); higher derivatives are zero.
-        surface: Bounds on the ground's derivatives there, see `turning_on_surface`, shape (5, K);
-            None is a plane.
-        height: |h| of the root above its foot [m].
+        peaks: Largest |speed|, |acceleration| and |jerk| along the heading, and largest |yaw rate|,
+            |yaw acceleration| and |yaw jerk|, shape (2, 3, K); higher derivatives are zero.
+        surface: Bounds on the derivatives of the ground's height under the base, see
+            `turning_on_surface`, shape (5, K); None is a plane.
+        height: Distance |h| of the root origin from the ground along the normal [m].
 
     Returns:
-        Norms of derivatives 1 to 4 of the root's origin and 0 to 3 of its angular velocity, shape
-        (2, 4, K).
+        Norms of derivatives 1 to 4 of the root's origin and of derivatives 0 to 3 of its angular
+        velocity, shape (2, 4, K).
     """
     along, yaw = ([*part, np.zeros_like(part[0])] for part in peaks)
-    if surface is None or not surface.any():  # the normal stands still
+    if surface is None or not surface.any():  # the normal is constant
         heading = turning(yaw)
         return np.stack([[leibniz(along, heading, k) for k in range(ORDERS - 1)], yaw])
     spin = turning_on_surface(along, yaw, surface)
@@ -40,44 +44,50 @@ def root_bounds(peaks: Array, surface: Array | None = None, height: float = 0.0)
 
 
 def turning_on_surface(along: Bounds, yaw: Bounds, surface: Array) -> Bounds:
-    r"""Norms of the angular velocity of the root and of its first three derivatives, in axes that stand still.
+    r"""Bounds on the angular velocity of a root that stays tangent to a surface z = h(x, y).
 
-    With the slope g = grad h (x(t), y(t)), the normal n and the frame's own turn about it
-    (`SurfaceFrame`)
+    With the gradient g = grad h at the base's position p(t) = (x, y) and the normal n, the angular
+    velocity is (the fraction is the rotation of the `SurfaceFrame` about n)
 
     .. math::
         n = (-g, 1) / \sqrt{1 + |g|^2}, \quad
         \omega = n \times n' + \Big(w_{yaw} + \frac{g_x' g_y}{(1 + g_x^2) \sqrt{1 + |g|^2}}\Big) n
 
-    and the place moves with speed times a unit vector fixed in the root, seen from above. Norms of
-    derivatives follow order by order: of the place from those of the turn below, of g by the chain
-    rule, of n and of the turn by Leibniz.
+    Seen from above, p moves with the speed times the horizontal part of a unit vector that is fixed
+    in the root. Bounds on the derivatives follow order by order: p from the lower orders of \omega,
+    then g by the chain rule, then n and \omega by the rule of Leibniz.
 
     Args:
-        along: Bounds on |speed| and its derivatives, 0..3 [m/s, ...].
-        yaw: Likewise on the rate of the yaw [rad/s, ...].
-        surface: On |grad h| and on the norms of the second to fifth derivative, where the base may
-            be, shape (5, K).
+        along: Bounds on the speed along the heading and its derivatives, orders 0 to 3 [m/s, ...].
+        yaw: Bounds on the yaw rate and its derivatives, orders 0 to 3 [rad/s, ...].
+        surface: Bounds on |grad h| and on the norms of the second to fifth derivative of h wherever
+            the base may be, shape (5, K).
 
     Returns:
-        |w^(k)|, k = 0..3, shape (K,) each [rad/s^(k + 1)].
+        Bounds on the k-th derivative of \omega in inertial axes, k = 0..3, shape (K,) each
+        [rad/s^(k + 1)].
     """
-    steep, *bends = surface
-    slope: Bounds = [steep]
+    steepest, *curvatures = surface
+    gradient: Bounds = [steepest]
     spin: Bounds = []
-    heading: Bounds = [np.ones_like(steep)]
+    heading: Bounds = [np.ones_like(steepest)]
     path: Bounds = []  # |p^(k)|, k = 1..4
     for k in range(ORDERS - 1):
         path.append(leibniz(along, heading, k))
-        slope.append(_chain(bends, path))
-        spin.append(_spin(slope, yaw))
+        gradient.append(_chain(curvatures, path))
+        spin.append(_spin(gradient, yaw))
         heading.append(leibniz(spin, heading, k))
     return spin
 
 
-def _chain(bends: Bounds, path: Bounds) -> Array:
-    """Bound on the next derivative of grad h along the path, by the rule of Faa di Bruno."""
-    (H2, H3, H4, H5), (v, *later) = bends, path
+def _chain(curvatures: Bounds, path: Bounds) -> Array:
+    """Bound on the derivative of order len(path) of grad h(p(t)), by the rule of Faa di Bruno.
+
+    Args:
+        curvatures: Bounds on the second to fifth derivative of h.
+        path: Bounds on the derivatives 1, 2, ... of the position p.
+    """
+    (H2, H3, H4, H5), (v, *later) = curvatures, path
     if len(path) == 1:
         return np.asarray(H2 * v)
     if len(path) == 2:
@@ -88,22 +98,28 @@ def _chain(bends: Bounds, path: Bounds) -> Array:
     return np.asarray(H5 * v**4 + 6.0 * H4 * v**2 * a + H3 * (4.0 * v * j + 3.0 * a**2) + H2 * s)
 
 
-def _spin(slope: Bounds, yaw: Bounds) -> Array:
-    """Bound on the derivative of order len(slope) - 2 of the angular velocity."""
-    order = len(slope) - 2
-    one = np.ones_like(slope[0])
-    # 1 + |g|^2, at least 1
-    square = [one, *(leibniz(slope, slope, k) for k in range(1, order + 2))]
-    root, inverse = _power(square, 0.5), _power(square, 1.0)  # 1 + g_x^2 has the same bounds
-    across = [np.sqrt(1.0 + slope[0] ** 2), *slope[1:]]
-    normal = [one, *(leibniz(across, root, k) for k in range(1, order + 2))]
-    normal[1] = np.minimum(normal[1], slope[1])  # it turns more slowly than the slope changes
-    share = [leibniz(inverse, root, k) for k in range(order + 1)]
-    lean = [leibniz(slope, share, k) for k in range(order + 1)]
-    about = [leibniz(slope[1:], lean, k) + yaw[k] for k in range(order + 1)]
+def _spin(gradient: Bounds, yaw: Bounds) -> Array:
+    r"""Bound on the derivative of order len(gradient) - 2 of the angular velocity.
+
+    Args:
+        gradient: Bounds on g = grad h along the path and on its derivatives.
+        yaw: Bounds on the yaw rate and its derivatives.
+    """
+    order = len(gradient) - 2
+    one = np.ones_like(gradient[0])
+    # 1 + |g|^2, at least 1; 1 + g_x^2 has these bounds, too
+    square = [one, *(leibniz(gradient, gradient, k) for k in range(1, order + 2))]
+    inverse_sqrt, inverse = _power(square, 0.5), _power(square, 1.0)
+    upright = [np.sqrt(1.0 + gradient[0] ** 2), *gradient[1:]]  # (-g, 1)
+    normal = [one, *(leibniz(upright, inverse_sqrt, k) for k in range(1, order + 2))]
+    normal[1] = np.minimum(normal[1], gradient[1])  # |n'| <= |g'|
+    reciprocal = [leibniz(inverse, inverse_sqrt, k) for k in range(order + 1)]
+    factor = [leibniz(gradient, reciprocal, k) for k in range(order + 1)]
+    about = [leibniz(gradient[1:], factor, k) + yaw[k] for k in range(order + 1)]  # n . omega
     if order == 0:
         return np.asarray(np.hypot(normal[1], about[0]))
-    tilt = normal[order + 1]  # (n x n')' = n x n'', and so on
+    # derivatives of n x n': n x n'', then n' x n'' + n x n''', then 2 n' x n''' + n x n''''
+    tilt = normal[order + 1]
     if order == 2:
         tilt = tilt + normal[1] * normal[2]
     if order == 3:
@@ -112,8 +128,8 @@ def _spin(slope: Bounds, yaw: Bounds) -> Array:
 
 
 def _power(values: Bounds, exponent: float) -> Bounds:
-    """Bounds on the derivatives of a^-exponent for a >= 1, from bounds on those of a."""
-    falls = [np.prod(exponent + np.arange(m)) for m in range(ORDERS)]  # of |d^m a^-exponent / da^m|
+    """Bounds on a^-exponent and its time derivatives for a >= 1, from bounds on those of a."""
+    falls = [np.prod(exponent + np.arange(m)) for m in range(ORDERS)]  # |d^m a^-exponent / da^m|
     result: Bounds = [np.ones_like(values[0])]
     for k in range(1, len(values)):
         total = np.zeros_like(values[0])
@@ -124,7 +140,7 @@ def _power(values: Bounds, exponent: float) -> Bounds:
 
 
 def _bell(values: Bounds, k: int, m: int) -> Array:
-    """Partial Bell polynomial B(k, m) of the derivatives values[1], values[2], ..."""
+    """Partial exponential Bell polynomial B(k, m) of the derivatives values[1], values[2], ..."""
     if m == 0:
         return np.full_like(values[0], float(k == 0))
     total = np.zeros_like(values[0])

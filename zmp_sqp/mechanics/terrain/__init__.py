@@ -1,1 +1,1 @@
-"""Uneven ground: a smooth surface through measured heights, and how a base drives on it."""
+"""Uneven ground: a smooth surface through measured heights, and a base that drives on it."""

@@ -1,4 +1,4 @@
-"""A unicycle that stays tangent to a surface: its ground rates, twist and acceleration, with derivatives."""
+"""Kinematics of a unicycle that stays tangent to a surface, with analytic derivatives."""
 
 from __future__ import annotations
 
@@ -11,49 +11,55 @@ from zmp_sqp.mechanics.terrain.surface_frame import SurfaceFrame
 
 __all__ = ["drive_on_surface", "ground_rates_on_surface"]
 
-X, Y, YAW, W_S, W_YAW, A_S, A_YAW, SCALE = range(8)  # columns of the slopes
+X, Y, YAW, W_S, W_YAW, A_S, A_YAW, SCALE = range(8)  # columns of the Jacobians; SCALE is S = T^2
 
 
 def ground_rates_on_surface(frame: SurfaceFrame, yaw: Array, rates: Array) -> GroundRates:
-    r"""Rates of the map coordinates; the speed is measured along the surface.
+    r"""Rates of the map coordinates (x, y) of a base whose speed is measured along the surface.
 
     .. math:: (x', y') = w_s B(x, y) (\cos yaw, \sin yaw), \quad B = E_{1..2, 1..2}
 
+    with the rotation E of `SurfaceFrame`.
+
     Args:
-        frame: Of the surface at the K places of the base.
-        yaw: Shape (K,) [rad].
-        rates: Speed along the heading and yaw rate, shape (K, 2) [m/s, rad/s].
+        frame: Frame of the surface at K positions of the base.
+        yaw: Yaw of the base, shape (K,) [rad].
+        rates: Speed w_s along the heading and yaw rate w_yaw, shape (K, 2) [m/s, rad/s].
     """
     heading, turned = _headings(frame, yaw)
     speed = rates[:, 0]
-    slopes = np.zeros((2, 5, len(yaw)))
-    slopes[:, X], slopes[:, Y], slopes[:, YAW] = (
+    jacobian = np.zeros((2, 5, len(yaw)))
+    jacobian[:, X], jacobian[:, Y], jacobian[:, YAW] = (
         speed * heading[1],
         speed * heading[2],
         speed * turned,
     )
-    slopes[:, W_S] = heading[0]
-    return GroundRates(_state_first(speed * heading[0]), _state_first(slopes))
+    jacobian[:, W_S] = heading[0]
+    return GroundRates(_state_first(speed * heading[0]), _state_first(jacobian))
 
 
 def drive_on_surface(
     frame: SurfaceFrame, yaw: Array, rates: Array, accelerations: Array, S: float
 ) -> GroundMotion:
-    r"""Motion of a root with the rotation R = E R_z(yaw).
+    r"""Motion of the root, whose rotation is R = E R_z(yaw), with its derivatives.
 
-    Per metre along its heading e, seen on the map, the root turns by :math:`k = R_z^T
-    \mathrm{vee}(E^T dE)`, hence with :math:`D = k_x e_x + k_y e_y`
+    Let :math:`k = R_z^T \mathrm{vee}(E^T dE)` be the rotation of the root per metre of path, e the
+    heading as seen on the map, and :math:`D = k_x e_x + k_y e_y` the derivative of k along the
+    path. In the root frame, and with gravity g subtracted from the acceleration,
 
     .. math::
-        v = (w_s, 0, 0), \quad \omega = w_s k + w_{yaw} \hat z, \quad \dot v = (a_s, 0, 0) - S R^T
-        g, \quad \dot \omega = a_s k + w_s^2 D + w_s w_{yaw} k_{yaw} + a_{yaw} \hat z
+        v = (w_s, 0, 0), \quad \omega = w_s k + w_{yaw} \hat z, \quad
+        \dot v = (a_s, 0, 0) - S R^T g, \quad
+        \dot \omega = a_s k + w_s^2 D + w_s w_{yaw} k_{yaw} + a_{yaw} \hat z
+
+    (in D, e_x and e_y are the components of e, and k_x, k_y, k_yaw partial derivatives of k).
 
     Args:
-        frame: Of the surface at the K places of the base.
-        yaw: Shape (K,) [rad].
-        rates: Speed along the heading and yaw rate, shape (K, 2) [m/s, rad/s].
-        accelerations: Their rates, shape (K, 2) [m/s^2, rad/s^2].
-        S: Square of the time scale; 1 in seconds.
+        frame: Frame of the surface at K positions of the base.
+        yaw: Yaw of the base, shape (K,) [rad].
+        rates: Speed w_s along the heading and yaw rate w_yaw, shape (K, 2) [m/s, rad/s].
+        accelerations: Rates (a_s, a_yaw) of these, shape (K, 2) [m/s^2, rad/s^2].
+        S: Square T^2 of the time scale; 1 in seconds.
     """
     velocity, acceleration = np.zeros((2, 6, len(yaw)))
     by_velocity, by_acceleration = np.zeros((2, 6, 8, len(yaw)))
@@ -91,7 +97,13 @@ def _turn(
     by_velocity: Array,
     by_acceleration: Array,
 ) -> None:
-    """Write the angular rows of `drive_on_surface`, shape (3, K) and (3, 8, K)."""
+    """Write the angular rows of `drive_on_surface` into the last four arguments.
+
+    Args:
+        frame, yaw, rates, accelerations: Arguments of `drive_on_surface`.
+        velocity, acceleration: Written: angular velocity and acceleration, shape (3, K) each.
+        by_velocity, by_acceleration: Written: their Jacobians, shape (3, 8, K) each.
+    """
     (w_s, w_yaw), (a_s, a_yaw) = rates.T, accelerations.T
     turn, turn_yaw, turn_yaw_yaw = _turns_per_metre(frame, yaw)
     heading, (e_yaw, f_yaw) = _headings(frame, yaw)
@@ -120,16 +132,18 @@ def _turn(
 
 
 def _turns_per_metre(frame: SurfaceFrame, yaw: Array) -> tuple[Array, Array, Array]:
-    r"""Turn k of the root per metre along its heading, with its derivatives by yaw.
+    r"""Rotation k of the root per metre of path, with its derivatives by x, y and yaw.
 
-    .. math:: k = (e_2^T II e_1, \; -e_1^T II e_1, \; \tan(roll) \, II_{1 \cdot} e_1), \quad e_1 =
-        (\cos yaw, \sin yaw)
+    .. math::
+        k = (e_2^T II e_1, \; -e_1^T II e_1, \; \tan(roll) \, II_{1 \cdot} e_1), \quad
+        e_1 = (\cos yaw, \sin yaw), \quad e_2 = (-\sin yaw, \cos yaw)
 
-    In double angles the first two are a circle about (0, -mean), as Mohr drew it.
+    with the second fundamental form II of the surface. As functions of the double angle 2 yaw, the
+    first two entries run along a circle (Mohr's circle) about (0, -mean curvature).
 
     Returns:
-        k as a jet, shape (6, 3, K), its derivative by yaw as a jet, and the second one alone, shape
-        (3, K) [rad/m].
+        k as a jet, shape (6, 3, K); its first derivative by yaw as a jet, shape (6, 3, K); and its
+        second derivative by yaw, shape (3, K) [rad/m].
     """
     one, mixed, two, lean_one, lean_mixed = frame.curvature().transpose(1, 0, 2)  # (6, K) each
     cos, sin, cos2, sin2 = np.cos(yaw), np.sin(yaw), np.cos(2.0 * yaw), np.sin(2.0 * yaw)
@@ -142,7 +156,12 @@ def _turns_per_metre(frame: SurfaceFrame, yaw: Array) -> tuple[Array, Array, Arr
 
 
 def _headings(frame: SurfaceFrame, yaw: Array) -> tuple[Array, Array]:
-    """Heading seen on the map with its derivatives by x and y, shape (3, 2, K), and its derivative by yaw, (2, K)."""
+    """Heading as seen on the map, with first derivatives.
+
+    Returns:
+        Heading and its derivatives by x and by y, shape (3, 2, K); its derivative by yaw, shape
+        (2, K).
+    """
     cos, sin = np.cos(yaw), np.sin(yaw)
     first, skew, second = frame.flat[:3].transpose(1, 0, 2)  # (3, K) each
     heading = np.stack([first * cos + skew * sin, second * sin], axis=1)
@@ -150,7 +169,12 @@ def _headings(frame: SurfaceFrame, yaw: Array) -> tuple[Array, Array]:
 
 
 def _vertical(frame: SurfaceFrame, yaw: Array) -> tuple[Array, Array]:
-    """The vertical in the root frame with its derivatives by x and y, shape (3, 3, K), and by yaw, (3, K)."""
+    """Vertical unit vector in the root frame, with first derivatives.
+
+    Returns:
+        Vertical and its derivatives by x and by y, shape (3, 3, K); its derivative by yaw, shape
+        (3, K).
+    """
     cos, sin = np.cos(yaw), np.sin(yaw)
     ahead, left, up = frame.vertical[:3].transpose(1, 0, 2)  # (3, K) each
     vertical = np.stack([cos * ahead + sin * left, cos * left - sin * ahead, up], axis=1)
@@ -158,5 +182,5 @@ def _vertical(frame: SurfaceFrame, yaw: Array) -> tuple[Array, Array]:
 
 
 def _state_first(rows: Array) -> Array:
-    """Move the last axis, the states, to the front."""
+    """Move the last axis, which counts the states, to the front."""
     return np.ascontiguousarray(np.moveaxis(rows, -1, 0))

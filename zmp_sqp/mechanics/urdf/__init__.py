@@ -1,4 +1,4 @@
-"""Reading a URDF file: links, joints, limits, contact shapes."""
+"""Reading of URDF files: links, joints, joint limits and contact shapes."""
 
 from zmp_sqp.mechanics.urdf.loader import load_machine, shipped_machines
 

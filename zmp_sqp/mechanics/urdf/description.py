@@ -1,4 +1,4 @@
-"""Reads a URDF's XML: checks what this library relies on, and says in one sentence what is wrong."""
+"""Reads and checks the XML of a URDF; a fault is reported in one sentence."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from zmp_sqp.mechanics.urdf.elements import (
 
 __all__ = ["UrdfDescription", "read_description"]
 
+# attributes of URDF elements that hold one number each
 SINGLE_NUMBERS = (
     "radius",
     "length",
@@ -34,15 +35,15 @@ SINGLE_NUMBERS = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UrdfDescription:
-    """What a URDF says, checked.
+    """Checked content of a URDF.
 
     Attributes:
-        name: The robot's name.
+        name: Name of the robot.
         root: Name of the root link.
-        bodies: Links that have mass.
+        bodies: Mass properties of the links that have mass, by name of the link.
         joints: All joints, in the order of the file.
-        shapes: Collision shapes of every link.
-        xml: The file again without visual and collision elements, for Pinocchio.
+        shapes: Collision shapes of every link, by name of the link.
+        xml: URDF for Pinocchio, without visual and collision elements.
     """
 
     name: str
@@ -54,11 +55,14 @@ class UrdfDescription:
 
 
 def read_description(content: bytes) -> UrdfDescription:
-    """Checked content of a URDF.
+    """Parse and check a URDF.
+
+    Args:
+        content: Content of the file.
 
     Raises:
-        MachineError: Anything wrong with it; the message names the line, link or joint, but not the
-            file.
+        MachineError: Invalid or unsupported content; the message names the line, link or joint, but
+            not the file.
     """
     robot = _parse(content)
     links, joints = robot.findall("link"), robot.findall("joint")
@@ -70,7 +74,8 @@ def read_description(content: bytes) -> UrdfDescription:
             name = element.get("name", "")
             if not name or name == "universe":
                 raise MachineError(
-                    f"a {kind} is named {name!r}: every {kind} needs a name, and 'universe' is Pinocchio's"
+                    f"a {kind} is named {name!r}: every {kind} needs a name, and 'universe' is "
+                    "Pinocchio's"
                 )
             if name in names:
                 raise MachineError(f"{kind} {name!r} is there twice: names must be unique")
@@ -91,6 +96,7 @@ def read_description(content: bytes) -> UrdfDescription:
 
 
 def _parse(content: bytes) -> ET.Element:
+    """Root element <robot> of a URDF, without the XML features that this library refuses."""
     if not content.strip():
         raise MachineError("the file is empty")
     guard = expat.ParserCreate()
@@ -105,7 +111,7 @@ def _parse(content: bytes) -> ET.Element:
         guard.Parse(content, True)
         robot = ET.fromstring(content)
     except (expat.ExpatError, ET.ParseError) as fault:
-        # the text names line and column
+        # the parser's text names line and column
         raise MachineError(f"not well-formed XML: {fault}") from None
     except (LookupError, ValueError) as fault:
         raise MachineError(f"not XML that can be read: {fault}") from None
@@ -114,7 +120,8 @@ def _parse(content: bytes) -> ET.Element:
     for element in robot.iter():
         if "xacro" in element.tag:
             raise MachineError(
-                f"<{element.tag.split('}')[-1]}> is xacro: expand the file with the xacro tool first"
+                f"<{element.tag.split('}')[-1]}> is xacro: "
+                "expand the file with the xacro tool first"
             )
     if not robot.get("name"):
         raise MachineError("<robot> has no name")
@@ -122,7 +129,10 @@ def _parse(content: bytes) -> ET.Element:
 
 
 def _check_numbers(element: ET.Element) -> None:
-    """NaN, infinity and text are refused wherever numbers stand; visuals are not ours to judge."""
+    """Raise MachineError for an attribute that must be a finite number and is not.
+
+    Visual elements are not checked, because nothing is computed from them.
+    """
     for child in element:
         for part in child.iter() if child.tag != "visual" else ():
             for attribute, count in (
@@ -136,7 +146,11 @@ def _check_numbers(element: ET.Element) -> None:
 
 
 def _root(links: list[str], joints: Iterable[Joint]) -> str:
-    """Name of the one link from which all others hang."""
+    """Name of the root link, the only link without a parent.
+
+    Raises:
+        MachineError: Unknown link, link with two parents, several root links, or a loop of joints.
+    """
     parents: dict[str, str] = {}
     for joint in joints:
         for link in (joint.parent, joint.child):
@@ -144,7 +158,8 @@ def _root(links: list[str], joints: Iterable[Joint]) -> str:
                 raise MachineError(f"joint {joint.name!r} names link {link!r}, which is not there")
         if joint.child in parents:
             raise MachineError(
-                f"link {joint.child!r} has two parents, {parents[joint.child]!r} and {joint.parent!r}"
+                f"link {joint.child!r} has two parents, {parents[joint.child]!r} and "
+                f"{joint.parent!r}"
             )
         parents[joint.child] = joint.parent
     roots = [link for link in links if link not in parents]
@@ -161,7 +176,10 @@ def _root(links: list[str], joints: Iterable[Joint]) -> str:
 
 
 def _check_moving_mass(bodies: Mapping[str, Body], joints: Iterable[Joint]) -> None:
-    """What moves must have mass: a forgotten <inertial> would make an unsafe motion look safe."""
+    """Raise MachineError if a joint moves a link that has no mass.
+
+    A forgotten <inertial> would make an unsafe motion look safe.
+    """
     carrier = {joint.child: joint.parent for joint in joints if joint.kind == "fixed"}
     heavy = set()
     for link in bodies:
@@ -171,12 +189,17 @@ def _check_moving_mass(bodies: Mapping[str, Body], joints: Iterable[Joint]) -> N
     for joint in joints:
         if joint.kind != "fixed" and joint.child not in heavy:
             raise MachineError(
-                f"link {joint.child!r} moves with joint {joint.name!r} but has no mass: give it an <inertial>"
+                f"link {joint.child!r} moves with joint {joint.name!r} but has no mass: "
+                "give it an <inertial>"
             )
 
 
 def _for_pinocchio(robot: ET.Element) -> str:
-    """Links without shapes (meshes are never opened), joints with the limits that its parser insists on."""
+    """URDF reduced to what Pinocchio has to read.
+
+    Links have no shapes, so that meshes are never opened. Joints have zero limits, because the
+    parser insists on limits and the actual ones are read by `read_joint`.
+    """
     copy = ET.Element("robot", {"name": robot.attrib["name"]})
     for element in robot:
         if element.tag == "link":

@@ -1,4 +1,4 @@
-"""Reads the elements of a URDF one by one: the mass of a link, a joint, a collision shape."""
+"""Reads single elements of a URDF: the mass of a link, a joint, a collision shape."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ __all__ = [
     "spell",
 ]
 
-MOVABLE = ("revolute", "continuous", "prismatic")
+MOVABLE = ("revolute", "continuous", "prismatic")  # types of the joints that are planned
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Body:
-    """Mass of one link.
+    """Mass properties of one link.
 
     Attributes:
         mass: Mass [kg].
-        com: Centre of mass, link frame, shape (3,) [m].
+        com: Centre of mass in the link frame, shape (3,) [m].
         inertia: Rotational inertia about the centre of mass, link axes, shape (3, 3) [kg m^2].
     """
 
@@ -45,7 +45,18 @@ class Body:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Joint:
-    """One joint element; limits that the file does not give are NaN [rad or m, s, N m or N]."""
+    """One joint of a URDF; limits that the file does not give are NaN.
+
+    Attributes:
+        name: Name of the joint.
+        kind: Type in the URDF, one of `MOVABLE` or 'fixed'.
+        parent: Name of the parent link.
+        child: Name of the child link.
+        lower: Lowest coordinate [rad or m].
+        upper: Highest coordinate [rad or m].
+        velocity: Largest rate [rad/s or m/s].
+        effort: Largest torque or force [N m or N].
+    """
 
     name: str
     kind: str
@@ -59,13 +70,14 @@ class Joint:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shape:
-    """One collision shape.
+    """One visual or collision shape.
 
     Attributes:
-        kind: 'box', 'cylinder', 'sphere' or 'mesh' (which is any other).
-        dimensions: Edges of a box, radius and length of a cylinder, radius of a sphere [m].
-        rotation: Its axes in the link frame, shape (3, 3).
-        translation: Its centre in the link frame, shape (3,) [m].
+        kind: 'box', 'cylinder', 'sphere', or 'mesh' for anything else.
+        dimensions: Edges of a box; radius and length of a cylinder; radius of a sphere; empty for a
+            mesh [m].
+        rotation: Rotation from the axes of the shape to those of the link, shape (3, 3).
+        translation: Centre of the shape in the link frame, shape (3,) [m].
     """
 
     kind: str
@@ -75,13 +87,23 @@ class Shape:
 
 
 def numbers(element: ET.Element, attribute: str, count: int, where: str) -> tuple[float, ...]:
-    """`count` finite numbers of an attribute."""
+    """Finite numbers in an attribute of an element.
+
+    Args:
+        element: XML element.
+        attribute: Name of the attribute.
+        count: How many numbers it must hold.
+        where: Name of the link or joint, for error messages.
+
+    Raises:
+        MachineError: The attribute is missing, or is not `count` finite numbers.
+    """
     text = element.get(attribute)
     spelled = f"{where}: <{element.tag} {attribute}>"
     if text is None:
         raise MachineError(f"{spelled} is missing")
     try:
-        # Python alone reads 1_000
+        # float() would accept 1_000, which other URDF parsers do not
         found = tuple(float(word) for word in text.replace("_", "?").split())
     except ValueError:
         found = ()
@@ -95,16 +117,16 @@ def numbers(element: ET.Element, attribute: str, count: int, where: str) -> tupl
 
 
 def spell(element: ET.Element) -> str:
-    """What messages call an element: its tag and name."""
+    """Tag and name of an element, for error messages."""
     return f"{element.tag} {element.get('name')!r}"
 
 
 def read_joint(element: ET.Element) -> Joint:
-    """A joint that this library supports.
+    """Joint of a <joint> element.
 
     Raises:
-        MachineError: Other type, <mimic>, no parent or child, zero axis, or impossible limits; the
-            message names the joint.
+        MachineError: Unsupported type, <mimic>, no parent or child, zero axis, or impossible
+            limits; the message names the joint.
     """
     where, kind = spell(element), element.get("type", "")
     if kind not in (*MOVABLE, "fixed"):
@@ -133,9 +155,9 @@ def read_joint(element: ET.Element) -> Joint:
         for key in ("velocity", "effort"):
             if given.get(key, 0.0) < 0.0:
                 raise MachineError(f"{where}: {key} limit must not be negative, not {given[key]}")
-        # 0 is how URDF writes 'not known'
+        # zero means "unknown" in many URDFs
         velocity, effort = (given.get(key) or nan for key in ("velocity", "effort"))
-        # the one left out is 0, says the URDF specification
+        # the URDF specification: a bound that is left out is 0
         if "lower" in given or "upper" in given:
             lower, upper = given.get("lower", 0.0), given.get("upper", 0.0)
     if kind == "continuous":
@@ -148,11 +170,11 @@ def read_joint(element: ET.Element) -> Joint:
 
 
 def read_body(link: ET.Element) -> Body:
-    """Mass of a link that has an <inertial>.
+    """Mass properties of a <link> element that has an <inertial>.
 
     Raises:
-        MachineError: Mass missing or not positive, inertia missing or one that no body has; the
-            message names the link.
+        MachineError: Mass missing or not positive, or inertia missing or impossible for any body;
+            the message names the link.
     """
     where, inertial = spell(link), link.find("inertial")
     parts = {} if inertial is None else {child.tag: child for child in inertial}
@@ -173,7 +195,7 @@ def read_body(link: ET.Element) -> Body:
 
 
 def read_shape(collision: ET.Element) -> Shape:
-    """Shape of a <collision> element."""
+    """Shape of a <collision> or <visual> element."""
     rotation, translation = _origin(collision.find("origin"), "collision")
     geometry = collision.find("geometry")
     for solid in () if geometry is None else geometry:
@@ -191,7 +213,7 @@ def read_shape(collision: ET.Element) -> Shape:
 
 
 def _origin(origin: ET.Element | None, where: str) -> tuple[Array, Array]:
-    """Rotation and translation; what is left out is zero."""
+    """Rotation matrix and translation of an <origin>; the default of both is zero."""
     values = {
         key: (0.0, 0.0, 0.0)
         if origin is None or key not in origin.attrib

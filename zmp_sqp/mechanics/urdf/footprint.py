@@ -1,4 +1,4 @@
-"""Support polygon of a machine from the collision shapes that touch the ground."""
+"""Support polygon from the collision shapes that touch the ground."""
 
 from __future__ import annotations
 
@@ -17,20 +17,23 @@ from zmp_sqp.mechanics.urdf.elements import Shape
 
 __all__ = ["footprint", "footprint_of_links"]
 
-LEVEL = 0.01  # [m], contacts within this of the lowest one stand on the same ground
-# of an upright cylinder's base; an inscribed polygon, so never larger than the disc
+LEVEL = 0.01  # [m] largest height above the lowest point at which a point touches the ground, too
+# number of points on the rim of an upright cylinder; they form an inscribed polygon, which is never
+# larger than the disc
 RIM_POINTS = 32
 
 
 def footprint(description: UrdfDescription, model: Any) -> SupportPolygon | None:
-    """Convex hull of the lowest points of everything fixed to the root link.
+    """Support polygon of the root link and all links fixed to it.
+
+    The polygon is the convex hull of the lowest points of their collision shapes.
 
     Args:
-        description: The URDF.
-        model: Its Pinocchio model.
+        description: Content of the URDF.
+        model: Pinocchio model of the URDF.
 
     Returns:
-        The polygon, in the plane of the lowest point; None where these shapes span none, or one of
+        Polygon in the plane of the lowest point; None if the shapes span no polygon, or if one of
         them is a mesh.
     """
     links = [
@@ -50,11 +53,17 @@ def footprint(description: UrdfDescription, model: Any) -> SupportPolygon | None
 def footprint_of_links(
     description: UrdfDescription, model: Any, links: Sequence[str]
 ) -> SupportPolygon:
-    """Convex hull of the lowest points of the given links' collision shapes.
+    """Support polygon of given links: convex hull of the lowest points of their collision shapes.
+
+    Args:
+        description: Content of the URDF.
+        model: Pinocchio model of the URDF.
+        links: Names of the contact links.
 
     Raises:
-        MachineError: No such link, it moves with a joint, has no collision shape or a mesh, stands
-            higher than the others, or the links span no polygon; the message names the link.
+        MachineError: A link is unknown, moves with a joint, has no collision shape or a mesh, or is
+            higher above the ground than the others; or the links span no polygon. The message
+            names the link.
     """
     contacts = {}
     for link in links:
@@ -65,14 +74,16 @@ def footprint_of_links(
         joint = model.frames[_frame(model, link)].parentJoint
         if joint != 1:
             raise MachineError(
-                f"contact link {link!r} moves with joint {model.names[joint]!r}: contacts must be fixed to the root"
+                f"contact link {link!r} moves with joint {model.names[joint]!r}: "
+                "contacts must be fixed to the root"
             )
         shapes = description.shapes[link]
         if not shapes:
             raise MachineError(f"contact link {link!r} has no collision shape")
         if any(shape.kind == "mesh" for shape in shapes):
             raise MachineError(
-                f"contact link {link!r} has a mesh for a collision shape: only box, cylinder and sphere are read"
+                f"contact link {link!r} has a mesh for a collision shape: "
+                "only box, cylinder and sphere are read"
             )
         contacts[link] = _contacts(description, model, link)
     if not contacts:
@@ -81,12 +92,14 @@ def footprint_of_links(
     for link, points in contacts.items():
         if points[:, 2].min() > ground + LEVEL:
             raise MachineError(
-                f"contact link {link!r} ends {points[:, 2].min() - ground:.3f} m above the lowest contact"
+                f"contact link {link!r} ends {points[:, 2].min() - ground:.3f} m "
+                "above the lowest contact"
             )
     return _hull(np.concatenate(list(contacts.values())))
 
 
 def _hull(points: Array) -> SupportPolygon:
+    """Support polygon of those points (P, 3) that lie within `LEVEL` of the lowest one."""
     if not len(points):
         raise MachineError("there are no contact points")
     height = float(points[:, 2].min())
@@ -94,13 +107,14 @@ def _hull(points: Array) -> SupportPolygon:
 
 
 def _contacts(description: UrdfDescription, model: Any, link: str) -> Array:
-    """Lowest points of one link that is fixed to the root, root frame, shape (P, 3) [m]."""
+    """Lowest points of the shapes of a link fixed to the root, root frame, shape (P, 3) [m]."""
     placement = model.frames[_frame(model, link)].placement
     points = [_lowest(shape, placement) for shape in description.shapes[link]]
     return np.concatenate([np.empty((0, 3)), *points])
 
 
 def _lowest(shape: Shape, link: Any) -> Array:
+    """Lowest points of a shape on a link with the given placement, root frame, shape (P, 3) [m]."""
     rotation = link.rotation @ shape.rotation
     centre = link.translation + link.rotation @ shape.translation
     if shape.kind == "sphere":
@@ -115,9 +129,12 @@ def _lowest(shape: Shape, link: Any) -> Array:
 
 
 def _rims(rotation: Array, radius: float, length: float) -> Array:
-    """Points on the two rims of a cylinder about its centre: all round if it stands upright, the lowest if it lies."""
+    """Points on the two rims of a cylinder, relative to its centre, shape (P, 3) [m].
+
+    Each rim has `RIM_POINTS` points if the cylinder is upright, otherwise its lowest point only.
+    """
     axis = rotation[:, 2]
-    # downwards in the plane of the rims; its length is sin(tilt)
+    # projection of the downward direction onto the plane of the rims; its length is sin(tilt)
     down = np.array([0.0, 0.0, -1.0]) + axis[2] * axis
     tilt = float(np.linalg.norm(down))
     if 2.0 * radius * tilt > LEVEL:
@@ -129,4 +146,5 @@ def _rims(rotation: Array, radius: float, length: float) -> Array:
 
 
 def _frame(model: Any, link: str) -> int:
+    """Index of the frame of a link."""
     return int(model.getFrameId(link, pin.FrameType.BODY))

@@ -1,4 +1,4 @@
-"""Reads joint limits from a joint_limits.yaml as MoveIt writes it."""
+"""Reads joint limits from a joint_limits.yaml file in the format of MoveIt."""
 
 from __future__ import annotations
 
@@ -12,19 +12,20 @@ from zmp_sqp.mechanics.limits import JointLimits
 
 __all__ = ["read_joint_limits"]
 
-# (switch, {its value in the file: our limit}); a value counts only where its switch is true, as in
-# MoveIt
+# (switch, {key in the file: attribute of JointLimits}); as in MoveIt, a value counts only if its
+# switch is true
 SWITCHES = (
     ("has_position_limits", {"min_position": "position_lower", "max_position": "position_upper"}),
     ("has_velocity_limits", {"max_velocity": "velocity"}),
     ("has_acceleration_limits", {"max_acceleration": "acceleration"}),
     ("has_effort_limits", {"max_effort": "effort"}),
 )
+# {key of a factor in the file: attribute of JointLimits that it scales}
 SCALINGS = {
     "default_velocity_scaling_factor": "velocity",
     "default_acceleration_scaling_factor": "acceleration",
 }
-# MoveIt knows these too; nothing of ours follows from them
+# valid keys of MoveIt that have no counterpart in JointLimits
 IGNORED = {
     *(
         "has_jerk_limits",
@@ -39,21 +40,21 @@ JOINT_KEYS = IGNORED | {key for switch, values in SWITCHES for key in (switch, *
 
 
 def read_joint_limits(path: Path, limits: JointLimits, joint_names: Sequence[str]) -> JointLimits:
-    """Limits with those of a MoveIt joint_limits.yaml put over them.
+    """Joint limits in which the values of a MoveIt joint_limits.yaml replace given ones.
 
-    A value in the file holds only where its `has_..._limits` is true; what the file is silent
-    about, or switches off, keeps what it has. `default_velocity_scaling_factor` and
-    `default_acceleration_scaling_factor` scale, as they do in MoveIt's planning, the limits of all
-    joints, those that come from the URDF included. Jerk, deceleration and soft limits are not used.
+    A value in the file counts only if its `has_..._limits` is true; all other limits stay as given.
+    As in MoveIt, `default_velocity_scaling_factor` and `default_acceleration_scaling_factor` scale
+    the limits of all joints, including those that come from the URDF. Jerk, deceleration and soft
+    limits are ignored.
 
     Args:
-        path: The file.
-        limits: What holds where the file is silent.
+        path: File to read.
+        limits: Limits that hold where the file has none.
         joint_names: Names of the n joints.
 
     Raises:
-        MachineError: Not readable, not YAML, wrong types, unknown keys or joints, impossible
-            limits; the message names the file and the key.
+        MachineError: The file is not readable, not YAML, or has wrong types, unknown keys or
+            joints, or impossible limits; the message names the file and the key.
     """
     content = _load(path)
     for key in content:
@@ -89,7 +90,8 @@ def read_joint_limits(path: Path, limits: JointLimits, joint_names: Sequence[str
 
 
 def _load(path: Path) -> dict[Any, Any]:
-    import yaml  # only here: most callers have no such file
+    """Top-level mapping of a YAML file."""
+    import yaml  # imported here, because most callers have no such file
 
     try:
         content = yaml.safe_load(path.read_bytes())
@@ -101,6 +103,7 @@ def _load(path: Path) -> dict[Any, Any]:
 
 
 def _joint(entries: dict[Any, Any], where: str) -> dict[str, float]:
+    """Limits of one joint, by attribute of JointLimits."""
     for key in entries:
         if key not in JOINT_KEYS:
             raise MachineError(f"{where}: unknown key {key!r}")
@@ -118,6 +121,7 @@ def _joint(entries: dict[Any, Any], where: str) -> dict[str, float]:
 
 
 def _mapping(value: Any, where: str) -> dict[Any, Any]:
+    """Check that a YAML value is a mapping; an empty value is an empty mapping."""
     if value is None:
         return {}
     if not isinstance(value, dict):
@@ -126,9 +130,11 @@ def _mapping(value: Any, where: str) -> dict[Any, Any]:
 
 
 def _number(value: Any, where: str) -> float:
+    """Check that a YAML value is a finite number."""
     if isinstance(value, str):
         raise MachineError(
-            f"{where} must be a number, not the text {value!r} (YAML reads 1e-3 as text: write 1.0e-3)"
+            f"{where} must be a number, not the text {value!r} "
+            "(YAML reads 1e-3 as text: write 1.0e-3)"
         )
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise MachineError(f"{where} must be a number, not {value!r}")

@@ -1,4 +1,4 @@
-"""Loads a machine: a URDF, its joint limits, its support polygon."""
+"""Loads a machine from a URDF file, with its joint limits and its support polygon."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ from zmp_sqp.mechanics.urdf.limits_yaml import read_joint_limits
 
 __all__ = ["load_machine", "shipped_machines"]
 
-STDERR = 2
-_stderr_is_ours = threading.Lock()
+STDERR = 2  # file descriptor of the standard error stream
+_stderr_lock = threading.Lock()  # held while the standard error stream is redirected
 
 
 def load_machine(
@@ -36,25 +36,27 @@ def load_machine(
     support: SupportPolygon | str | Sequence[str] | None = None,
     limits: str | os.PathLike[str] | Mapping[str, Any] | None = None,
 ) -> Machine:
-    """Machine of a URDF on a free-flyer root.
+    """Load a machine from a URDF file.
 
-    The planned joints are the revolute, continuous and prismatic ones, in the order of the file. A
-    limit that is given nowhere is NaN, which is no error here.
+    The planned joints are all revolute, continuous and prismatic joints, in the order of the file.
+
+    Joint limits come from the URDF. Limits from a joint_limits.yaml in the format of MoveIt replace
+    them: by default from the file `<stem>.joint_limits.yaml` in the folder of the URDF or, if there
+    is none, from `joint_limits.yaml` in that folder. A limit that is given nowhere is NaN, which is
+    no error here.
 
     Args:
         source: Name of a shipped machine, or path of a URDF. Meshes are never opened.
         support: Support polygon in the root frame; or names of the contact links, whose collision
-            shapes' lowest points span it; or None for the lowest points of everything fixed to the
-            root link, and no support where these span no polygon.
-        limits: Path of a joint_limits.yaml as MoveIt writes it, which takes the place of the one
-            beside the URDF; or a mapping such as {"acceleration": 0.4} or {"velocity": {"slew":
-            0.8}}, which goes on top of that one. The one beside the URDF is
-            `<stem>.joint_limits.yaml`, else `joint_limits.yaml`; what the URDF gives holds where
-            these are silent.
+            shapes' lowest points span the polygon. None takes the lowest points of all links fixed
+            to the root link; if these span no polygon, the machine has no support.
+        limits: Path of a joint_limits.yaml to be read instead of the one in the folder of the URDF;
+            or a mapping such as {"acceleration": 0.4} or {"velocity": {"slew": 0.8}} that replaces
+            single limits read from these files.
 
     Raises:
-        MachineError: Anything wrong with the file, the limits or the support; the message names the
-            file, and the link, joint or key.
+        MachineError: Invalid file, limits or support; the message names the file, and the link,
+            joint or key.
     """
     path = _locate(source)
     try:
@@ -85,14 +87,15 @@ def load_machine(
 
 
 def shipped_machines() -> dict[str, Path]:
-    """Names and files of the machines that come with this library."""
+    """Machines that come with this library: path of the URDF by name of the machine."""
     package = Path(__file__).resolve().parents[2]
-    folders = (package / "urdf", package.parent / "urdf")  # of a wheel, of a source checkout
+    folders = (package / "urdf", package.parent / "urdf")  # in a wheel; in a source checkout
     folder = next((folder for folder in folders if folder.is_dir()), folders[0])
     return {path.stem: path for path in sorted(folder.glob("*.urdf"))}
 
 
 def _locate(source: str | os.PathLike[str]) -> Path:
+    """Path of the URDF of a shipped machine or of a user's file."""
     if not isinstance(source, str | os.PathLike) or not os.fspath(source):
         raise MachineError(
             f"source must be the name of a machine or the path of a URDF, not {shortened(source)}"
@@ -106,24 +109,25 @@ def _locate(source: str | os.PathLike[str]) -> Path:
             return path
         if path.is_dir():
             raise MachineError(f"{path} is a folder, not a URDF")
-    # a NUL byte, a name too long, no home, bytes
+    # a NUL byte, a name that is too long, no home folder, bytes instead of text
     except (ValueError, OSError, RuntimeError, TypeError) as cause:
         raise MachineError(f"{source!r} is not a path that can be read: {cause}") from None
     if isinstance(source, str) and path.name == source and not path.suffix:
         raise MachineError(
-            f"there is no machine {source!r}; machines are {', '.join(shipped)}, or give the path of a URDF"
+            f"there is no machine {source!r}; machines are {', '.join(shipped)}, "
+            "or give the path of a URDF"
         )
     raise MachineError(f"there is no file {path}")
 
 
 def _build(description: UrdfDescription) -> Any:
-    """Pinocchio model, gravity zero, with every link's inertia also in the link's own frame."""
+    """Pinocchio model on a free-flyer root, without gravity; every link's frame has its inertia."""
     taken = {joint.name for joint in description.joints}
     root = next(
         name for name in ("root_joint", "free_flyer", "free_flyer_root_joint") if name not in taken
     )
-    # a bad URDF makes Pinocchio raise a bare ValueError while the cause goes to the standard error
-    # of C++
+    # for an invalid URDF Pinocchio raises a ValueError without a cause, and writes the cause to the
+    # standard error stream of C++
     with _captured_stderr() as log:
         try:
             model, fault = (
@@ -144,7 +148,7 @@ def _build(description: UrdfDescription) -> Any:
             f"Pinocchio cannot read this URDF: {'; '.join(filter(None, causes)) or fault}"
         )
     model.gravity = pin.Motion.Zero()
-    # Pinocchio keeps the inertia of some links in the frame of the fixed joint above them
+    # Pinocchio stores the inertia of some links in the frame of the fixed joint above them
     for frame in model.frames:
         body = description.bodies.get(frame.name) if frame.type == pin.FrameType.BODY else None
         frame.inertia = (
@@ -155,11 +159,11 @@ def _build(description: UrdfDescription) -> Any:
 
 @contextmanager
 def _captured_stderr() -> Iterator[IO[bytes]]:
-    """Sends file descriptor 2, to which C++ writes, into a temporary file."""
-    with _stderr_is_ours, tempfile.TemporaryFile() as log:
+    """Redirect file descriptor 2, to which C++ writes its errors, into a temporary file."""
+    with _stderr_lock, tempfile.TemporaryFile() as log:
         try:
             saved = os.dup(STDERR)
-        except OSError:  # closed: nothing to keep quiet
+        except OSError:  # the descriptor is closed, so there is nothing to redirect
             yield log
             return
         try:
@@ -175,6 +179,7 @@ def _captured_stderr() -> Iterator[IO[bytes]]:
 def _support(
     support: SupportPolygon | str | Sequence[str] | None, description: UrdfDescription, model: Any
 ) -> SupportPolygon | None:
+    """Support polygon from the `support` argument of `load_machine`."""
     if support is None:
         return footprint(description, model)
     if isinstance(support, SupportPolygon):
@@ -188,16 +193,18 @@ def _support(
 
 
 def _urdf_limits(movable: Sequence[Any]) -> JointLimits:
+    """Joint limits of the URDF's movable joints."""
     return JointLimits(
         position_lower=np.array([joint.lower for joint in movable]),
         position_upper=np.array([joint.upper for joint in movable]),
         velocity=np.array([joint.velocity for joint in movable]),
-        acceleration=np.full(len(movable), np.nan),  # URDF has no word for it
+        acceleration=np.full(len(movable), np.nan),  # the URDF format has no acceleration limits
         effort=np.array([joint.effort for joint in movable]),
     )
 
 
 def _limits(limits: Any, path: Path, names: tuple[str, ...], urdf: JointLimits) -> JointLimits:
+    """Joint limits from the `limits` argument of `load_machine`, from YAML files and the URDF."""
     if isinstance(limits, str | os.PathLike):
         return read_joint_limits(Path(limits), urdf, names)
     beside = (path.with_name(f"{path.stem}.joint_limits.yaml"), path.with_name("joint_limits.yaml"))

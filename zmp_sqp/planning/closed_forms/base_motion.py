@@ -169,7 +169,7 @@ def driven_trajectory(arm: Trajectory, base: Trajectory, start: Array) -> Trajec
     parts = []
     for motion in (arm, base):
         middles = 0.5 * (nodes[1:] + nodes[:-1])
-        k, _ = motion.place_in(middles)
+        k, _ = motion.locate(middles)
         q, v, a = motion.state_in(k, nodes[:-1] - motion.times[k])
         resting = middles > motion.duration
         q[resting], v[resting], a[resting] = motion.positions[-1], 0.0, 0.0

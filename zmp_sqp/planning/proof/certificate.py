@@ -14,7 +14,7 @@ from zmp_sqp.mechanics.coordinates import Coordinates
 from zmp_sqp.mechanics.ground import GRAVITY, Ground
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.uncertainty import Corner
-from zmp_sqp.motion.root_motion import check_tracks, followed
+from zmp_sqp.motion.root_motion import check_tracks, with_ground
 from zmp_sqp.motion.trajectory import Trajectory
 from zmp_sqp.planning.constraints.binding import bound_rows
 from zmp_sqp.planning.constraints.guarantee import Guarantee
@@ -205,7 +205,7 @@ def certify_at(
     """
     first = corners[0]
     check_arguments(first.machine, trajectory, first.ground)
-    driven = followed(trajectory, first.ground)
+    driven = with_ground(trajectory, first.ground)
     if driven.base is not None:
         check_tracks(driven.base, first.machine.support)  # type: ignore[arg-type]
     check_drift(driven)
@@ -261,7 +261,7 @@ def _prove(
 ) -> list[_Proof]:
     """Guarantees of all constraints that depend on payload and slope; at the first corner, of all."""
     machine, ground = corner.machine, corner.ground
-    trajectory = followed(trajectory, ground)
+    trajectory = with_ground(trajectory, ground)
     standing = trajectory.base is None or trajectory.base.ground.uniform
     # a base that drives looks under itself; here only the strength counts, the same everywhere
     here = ground.gravity() if standing else (0.0, 0.0, -GRAVITY)

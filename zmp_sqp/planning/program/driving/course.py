@@ -98,7 +98,7 @@ class Course:
         found = terrain.ground_rates(np.column_stack([places, psi.ravel()]), unit)
         along, across = (
             np.einsum("skc,kc->sk", part.reshape(3, N, 2), weights) * SIMPSON / N
-            for part in (found.rates, found.slopes[:, :, 2])
+            for part in (found.rates, found.jacobian[:, :, 2])
         )
         of_course = np.zeros((N, COURSE, COURSE))
         stage = np.arange(3)

@@ -89,8 +89,8 @@ class DrivingModel:
             root_acceleration=root.acceleration,
             joints=self.joint_efforts,
         )
-        by_root = found.wrt_velocity[:, :, :6] @ root.velocity_slopes
-        by_root += found.wrt_acceleration[:, :, :6] @ root.acceleration_slopes  # (K, R, 8)
+        by_root = found.wrt_velocity[:, :, :6] @ root.velocity_jacobian
+        by_root += found.wrt_acceleration[:, :, :6] @ root.acceleration_jacobian  # (K, R, 8)
         parts = [
             found.wrt_position,
             np.zeros((*found.effort.shape, 1)),
@@ -116,7 +116,7 @@ class DrivingModel:
         pose[:, :2] = inside
         root = self.terrain.base_motion(pose, w[:, -2:], alpha[:, -2:], S)
         if off.any():
-            for slopes in (root.velocity_slopes, root.acceleration_slopes):
+            for slopes in (root.velocity_jacobian, root.acceleration_jacobian):
                 slopes[:, :, PLACE] *= ~off[:, None, :]
         return (
             root

@@ -59,11 +59,11 @@ def runge_kutta_moves(terrain: Terrain, places: Array, psi: Array, w: Array) -> 
         inside = np.clip(place, low, high)
         pose = np.column_stack([inside, psi[at]])
         found = terrain.ground_rates(pose, np.column_stack([w[at], np.zeros(count)]))
-        by_place = found.slopes[:, :, :2] * (inside == place)[:, None, :]
+        by_place = found.jacobian[:, :, :2] * (inside == place)[:, None, :]
         slope = (h * share) * (by_place @ slope)
         slope[:, :, :2] += by_place
-        slope[:, :, 2 + at] += found.slopes[:, :, 2]
-        slope[:, :, 5 + at] += found.slopes[:, :, 3]
+        slope[:, :, 2 + at] += found.jacobian[:, :, 2]
+        slope[:, :, 5 + at] += found.jacobian[:, :, 3]
         rate = found.rates
         whole += (h * to_whole) * rate
         half += (h * to_half) * rate
