@@ -2,7 +2,7 @@
 
     python -m benchmarks.driving_problems [--count 100] [--qp-solver NAME] [--json FILE]
 
-What the problems are drawn from stands in tests/driving_problems.py. A problem counts as solved
+What the problems are drawn from stands in benchmarks/problems/driving.py. A problem counts as solved
 only if the plan is certified and an independent check agrees (ZMP from finite differences of the
 bodies' poses, joint limits in closed form, both ends). One that is not solved is honestly diagnosed
 if the plan says so and why. Times are processor times. The exit code is 1 where a success is none,
@@ -21,7 +21,8 @@ import numpy as np
 
 import zmp_sqp as zs
 from benchmarks.harness import console, distribution, measure_F, print_table, save_json
-from tests.driving_problems import TOLERANCES, driving_violation, random_driving_problem
+from benchmarks.problems.driving import random_driving_problem
+from benchmarks.problems.driving_checks import TOLERANCES, driving_violation
 
 RESULTS = Path(__file__).resolve().parent / "results" / "driving_problems.json"
 AT_BOUND = 2e-3  # relative: durations within this of the lower bound are as fast as the grid allows

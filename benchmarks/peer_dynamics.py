@@ -14,7 +14,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from tests.problems import Scene
+from benchmarks.problems.scene import Scene
 
 __all__ = ["Body", "read_bodies", "wrench_function"]
 

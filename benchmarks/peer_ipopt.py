@@ -8,7 +8,7 @@ edge. Its transcription and its dynamics are its own (peer_transcription.py, pee
 starts from the planner's own initial guess, then, where that fails, from the same motion at half
 the pace, then from one by way of the folded arm.
 
-A motion counts as solved if an independent check (tests/checks.py) of it, integrated anew, finds no
+A motion counts as solved if an independent check (benchmarks/problems/checks.py) of it, integrated anew, finds no
 violation of 1e-6 at those points; ours must be certified for all t besides. The planner lets
 accelerations run linearly within the intervals where the ZMP costs time; `constant` is what it had
 before.
@@ -35,8 +35,8 @@ import zmp_sqp as zs
 from benchmarks.harness import console, distribution, print_table, save_json
 from benchmarks.peer_problems import peer_problem
 from benchmarks.peer_transcription import Peer, PeerMotion, by_way_of
-from tests.checks import check_feasibility
-from tests.problems import NamedProblem
+from benchmarks.problems.checks import check_feasibility
+from benchmarks.problems.scene import NamedProblem
 from zmp_sqp.planning.search import planner
 
 __all__ = ["ours", "peered", "planned"]

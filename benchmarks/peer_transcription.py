@@ -10,7 +10,7 @@ import numpy as np
 
 import zmp_sqp as zs
 from benchmarks.peer_dynamics import wrench_function
-from tests.problems import GRAVITY, NamedProblem, Scene
+from benchmarks.problems.scene import GRAVITY, NamedProblem, Scene
 
 __all__ = ["Peer", "PeerAnswer", "PeerMotion", "by_way_of"]
 

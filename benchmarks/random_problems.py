@@ -2,8 +2,8 @@
 
     python -m benchmarks.random_problems [--count 200] [--hard] [--qp-solver NAME] [--json FILE]
 
-What the problems are drawn from stands in tests/problems.py (ORDINARY, HARD). A problem counts as
-solved only if an independent check (tests/checks.py: its own model, its own ZMP, joint limits in
+What the problems are drawn from stands in benchmarks/problems/arm.py (ORDINARY, HARD). A problem counts as
+solved only if an independent check (benchmarks/problems/checks.py: its own model, its own ZMP, joint limits in
 closed form) finds no violation of 1e-6. Times are processor times, which other programs disturb
 less. The exit code is 1 where a problem was not solved.
 """
@@ -20,8 +20,8 @@ import numpy as np
 
 import zmp_sqp as zs
 from benchmarks.harness import console, distribution, measure_F, print_table, save_json
-from tests.checks import check_feasibility
-from tests.problems import HARD, ORDINARY, Recipe, random_problem
+from benchmarks.problems.arm import HARD, ORDINARY, Recipe, random_problem
+from benchmarks.problems.checks import check_feasibility
 
 TOLERANCE = 1e-6  # [m, rad, per second ...] largest violation of a solved problem
 AT_BOUND = 1e-3  # relative: durations within this of the lower bound are proven optimal to the grid

@@ -2,7 +2,7 @@
 
     python -m benchmarks.replay [--count 50] [--hard] [--json FILE]
 
-Each problem (tests/problems.py) gives three motions: the planned one, the phase plane's, and that
+Each problem (benchmarks/problems/arm.py) gives three motions: the planned one, the phase plane's, and that
 one slowed down by a random factor. The margin says that the zero moment point leaves the support
 polygon; MuJoCo, that a track lifts by more than 5 mm. Where they differ further than 5 cm from an
 edge, a third opinion is asked: a rigid body that rocks about one edge under the tipping moment of
@@ -28,7 +28,7 @@ import pinocchio as pin
 
 import zmp_sqp as zs
 from benchmarks.harness import console, print_table, save_json
-from tests.problems import HARD, ORDINARY, Recipe, random_problem
+from benchmarks.problems.arm import HARD, ORDINARY, Recipe, random_problem
 from zmp_sqp.arrays import Array
 from zmp_sqp.mechanics import ground_reaction
 

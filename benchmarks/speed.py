@@ -23,7 +23,9 @@ import numpy as np
 
 import zmp_sqp as zs
 from benchmarks.harness import console, measure_F, print_table, save_json
-from tests.problems import NamedProblem, paper_1, random_problem
+from benchmarks.problems.arm import random_problem
+from benchmarks.problems.paper import paper_1
+from benchmarks.problems.scene import NamedProblem
 from zmp_sqp.planning.search import planner
 from zmp_sqp.scenario import load_scenario
 

@@ -2,7 +2,7 @@
 
     python -m benchmarks.terrain_drives [--count 100] [--slope] [--qp-solver NAME] [--json FILE]
 
-What they are drawn from stands in tests/planning/driving.py. A problem counts as solved only if its
+What they are drawn from stands in benchmarks/problems/terrain.py. A problem counts as solved only if its
 motion is certified, and if the ZMP at 1000 times keeps the guaranteed margin. Times are processor
 times. The exit code is 1 where a problem was not solved; its diagnosis is printed.
 """
@@ -19,7 +19,7 @@ import numpy as np
 
 import zmp_sqp as zs
 from benchmarks.harness import console, distribution, measure_F, print_table, save_json
-from tests.planning.driving import random_drive_problem
+from benchmarks.problems.terrain import random_drive_problem
 
 SAMPLES = 1000
 AT_BOUND = 1e-3  # relative: durations within this of the lower bound are proven optimal to the grid

@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 
 import zmp_sqp as zs
-from tests.problems import FOOTPRINT, PAPER_GOAL, PAPER_START, paper_scene, slider_time
+from benchmarks.problems.paper import PAPER_GOAL, PAPER_START, paper_scene
+from benchmarks.problems.scene import FOOTPRINT
+from tests.problems import slider_time
 from zmp_sqp.scenario import load_scenario
 
 MACHINE = zs.load_machine("feller_buncher")
@@ -62,8 +64,7 @@ def test_every_error_is_the_librarys_own() -> None:
         assert issubclass(error, zs.ZmpSqpError)
 
 
-# --- NaN, infinity, shapes, types
-# -------------------------------------------------------------------------------------
+# --- NaN, infinity, shapes, types ---------------------------------------------------------------
 
 
 def label(value: Any) -> str:
@@ -162,8 +163,7 @@ def test_models(model: Any) -> None:
     refuses(zs.ProblemError, "model", problem, model=model)
 
 
-# --- names
-# ------------------------------------------------------------------------------------------------------------
+# --- names --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("key", ["velocity", "acceleration"])
@@ -210,8 +210,7 @@ def test_unknown_qp_solvers() -> None:
         refuses(zs.ProblemError, "solver", zs.plan, problem(), qp_solver=name)
 
 
-# --- limits
-# -----------------------------------------------------------------------------------------------------------
+# --- limits -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["start", "goal"])
@@ -324,8 +323,7 @@ def test_limits_that_are_missing_are_named_when_a_problem_is_posed(tmp_path: Pat
     refuses(zs.ProblemError, "'stick'", zs.phase_plane, machine, POSE, PAPER_GOAL)
 
 
-# --- tipping over at rest
-# ---------------------------------------------------------------------------------------------
+# --- tipping over at rest -----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["start", "goal"])
@@ -353,8 +351,7 @@ def test_a_ground_so_steep_that_it_would_have_to_hold_the_machine() -> None:
     refuses(zs.ProblemError, "rest at the start", problem, ground=zs.Slope(pitch=1.5))
 
 
-# --- support polygons
-# -------------------------------------------------------------------------------------------------
+# --- support polygons ---------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -400,8 +397,7 @@ def test_a_contact_link_that_moves() -> None:
     refuses(zs.MachineError, "'head'", zs.load_machine, "feller_buncher", support="head")
 
 
-# --- masses and inertias
-# ----------------------------------------------------------------------------------------------
+# --- masses and inertias ------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("mass", [0.0, -0.0, -1.0, np.nan, np.inf, "heavy", None, [1.0], 1j, True])
@@ -459,8 +455,7 @@ def test_supports_in_place(support: Any) -> None:
     refuses(zs.MachineError, "support", MACHINE.with_support, support)
 
 
-# --- URDFs
-# ------------------------------------------------------------------------------------------------------------
+# --- URDFs --------------------------------------------------------------------------------------
 
 INERTIAL = '<inertial><mass value="{mass}"/><inertia ixx="{ixx}" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
 URDF = """<robot name="box">
@@ -572,8 +567,7 @@ def test_joint_limits_files(tmp_path: Path, content: str) -> None:
     refuses(zs.MachineError, r"box\.joint_limits\.yaml", zs.load_machine, path)
 
 
-# --- states of the quantities
-# -----------------------------------------------------------------------------------------
+# --- states of the quantities -------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("call", [zs.zmp, zs.stability_margin])
@@ -641,8 +635,7 @@ def test_poses_of_the_phase_plane(value: Any) -> None:
     refuses(zs.ProblemError, "goal", zs.phase_plane, MACHINE, POSE, value)
 
 
-# --- extremes that are no misuse
-# --------------------------------------------------------------------------------------
+# --- extremes that are no misuse ----------------------------------------------------------------
 
 
 @pytest.mark.parametrize("value", [-0.0, 0, np.float32(0.0), np.int8(0)])
@@ -687,8 +680,7 @@ def test_payloads_of_extreme_mass_end_in_a_plan_or_an_error(mass: float) -> None
     assert not plan.success or plan.margin >= 0.0
 
 
-# --- scenarios
-# --------------------------------------------------------------------------------------------------------
+# --- scenarios ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

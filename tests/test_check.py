@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import zmp_sqp as zs
-from tests.planning.driving import base
-from tests.problems import paper_scene
+from benchmarks.problems.paper import paper_scene
+from benchmarks.problems.terrain import unicycle_base as base
 from zmp_sqp.cli import main
 from zmp_sqp.planning.proof.robust_certificate import certify_for
 from zmp_sqp.scenario import SHIPPED, load_scenario

@@ -8,7 +8,9 @@ from functools import cache
 import numpy as np
 
 import zmp_sqp as zs
-from tests.problems import NamedProblem, paper_1, paper_scene, random_problem
+from benchmarks.problems.arm import random_problem
+from benchmarks.problems.paper import paper_1, paper_scene
+from benchmarks.problems.scene import NamedProblem
 from zmp_sqp.planning import LumpedMass, simplified_coordinates
 
 # attitude c of the head: (7), and the start (22) of Song & Sharf 2020

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 import zmp_sqp as zs
+from benchmarks.problems.scene import GRAVITY
 from tests.checks import central_differences
-from tests.problems import GRAVITY
 from zmp_sqp.planning.program.driving.transcription import DrivingTranscription
 from zmp_sqp.planning.program.transcription import PathBounds, Transcription
 

@@ -12,8 +12,10 @@ import pytest
 from scipy.integrate import cumulative_simpson
 
 import zmp_sqp as zs
-from tests.planning.driving import base, retreat, rolling_map
-from tests.problems import PAPER_GOAL, PAPER_START, paper_scene
+from benchmarks.problems.paper import PAPER_GOAL, PAPER_START, paper_scene
+from benchmarks.problems.terrain import rolling_map
+from benchmarks.problems.terrain import unicycle_base as base
+from tests.planning.driving import retreat
 from zmp_sqp.motion.unicycle_motion import UnicycleMotion
 from zmp_sqp.planning.proof import path_error
 from zmp_sqp.planning.proof.base_check import ARRIVAL, CORRIDOR, corridor_excess

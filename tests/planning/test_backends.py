@@ -8,9 +8,11 @@ from typing import Any
 import pytest
 
 import zmp_sqp as zs
-from tests.checks import check_feasibility
+from benchmarks.problems.checks import check_feasibility
+from benchmarks.problems.paper import paper_1
+from benchmarks.problems.scene import NamedProblem
 from tests.planning.conftest import planned_paper_1, planned_random
-from tests.problems import NamedProblem, paper_1, slider
+from tests.problems import slider
 from zmp_sqp.sqp.backends.proxqp import ProxQP
 from zmp_sqp.sqp.qp import QP
 

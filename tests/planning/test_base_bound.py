@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import zmp_sqp as zs
-from tests.checks import Oracle
-from tests.problems import FOOTPRINT, GRAVITY, PAPER_GOAL, PAPER_START, Scene, Tree, paper_scene
+from benchmarks.problems.checks import Oracle
+from benchmarks.problems.paper import PAPER_GOAL, PAPER_START, paper_scene
+from benchmarks.problems.scene import FOOTPRINT, GRAVITY, Scene, Tree
 from zmp_sqp.motion.double_integrator import minimum_time
 from zmp_sqp.planning.closed_forms.base_bound import (
     base_acceleration_bound,

@@ -7,8 +7,9 @@ import pytest
 from scipy.optimize import brentq, linprog
 
 import zmp_sqp as zs
-from tests.checks import joint_limit_excess
-from tests.problems import double_integrator_time, random_scene
+from benchmarks.problems.arm import random_scene
+from benchmarks.problems.checks import joint_limit_excess
+from tests.problems import double_integrator_time
 from zmp_sqp.motion.double_integrator import grid_minimum_time, grid_profile, minimum_time
 
 EXACT = 1e-9
@@ -16,8 +17,7 @@ ROUNDING = 1e-12
 SEEDS = range(20)
 
 
-# --- one joint in continuous time
-# -------------------------------------------------------------------------------------
+# --- one joint in continuous time ---------------------------------------------------------------
 
 
 def motion(found: object, distance: float, v0: float) -> tuple[np.ndarray, np.ndarray]:
@@ -92,8 +92,7 @@ def test_rest_to_rest_is_the_closed_form(distance: float) -> None:
     assert found.duration == pytest.approx(expected, rel=ROUNDING, abs=1e-15)
 
 
-# --- one joint on a grid
-# ----------------------------------------------------------------------------------------------
+# --- one joint on a grid ------------------------------------------------------------------------
 
 
 def farthest(T: float, N: int, v_max: float, a_max: float) -> float:
@@ -178,8 +177,7 @@ def test_grid_profile_arrives_within_the_limits(seed: int) -> None:
         assert (np.abs(rates) <= v * (1.0 + EXACT)).all()
 
 
-# --- phase plane
-# ------------------------------------------------------------------------------------------------------
+# --- phase plane --------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("seed", SEEDS)

@@ -6,16 +6,11 @@ import numpy as np
 import pytest
 
 import zmp_sqp as zs
-from tests.checks import check_feasibility
+from benchmarks.problems.checks import check_feasibility
+from benchmarks.problems.paper import PAPER_GOAL, PAPER_START, paper_scene
+from benchmarks.problems.scene import NamedProblem
 from tests.planning.conftest import planned_paper_1, planned_random
-from tests.problems import (
-    PAPER_GOAL,
-    PAPER_START,
-    NamedProblem,
-    double_integrator,
-    paper_scene,
-    slider,
-)
+from tests.problems import double_integrator, slider
 
 SAFE = 1e-6
 EXACT = 1e-9

@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import zmp_sqp as zs
-from tests.checks import joint_limit_excess
+from benchmarks.problems.checks import joint_limit_excess
 from tests.mechanics.conftest import PERMUTED, STEM, TREE_COM
 from tests.planning.conftest import planned_paper_1
 from tests.problems import slider
@@ -169,8 +169,7 @@ def is_below(margin: float, least: float) -> bool:
     return margin == -np.inf or margin - least <= ROUNDING * max(1.0, abs(least))
 
 
-# --- the guarantee
-# ----------------------------------------------------------------------------------------------------
+# --- the guarantee ------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("name", "speed"), list(product(MACHINES, SPEEDS)))
@@ -312,8 +311,7 @@ def test_a_plan_that_hugs_the_edge_holds_at_ten_kilohertz() -> None:
     assert 0.0 <= plan.margin <= least_sampled(case, samples=int(1e4 * plan.duration)) < 1e-3
 
 
-# --- what must never be certified
-# -------------------------------------------------------------------------------------
+# --- what must never be certified ---------------------------------------------------------------
 
 
 def test_a_machine_that_lifts_off_has_no_margin() -> None:
@@ -434,8 +432,7 @@ def test_a_ground_that_pulls_the_machine_up_gives_no_margin() -> None:
     assert zs.certify(machine, still(machine), Ceiling()).margin == -np.inf
 
 
-# --- how much it takes
-# ------------------------------------------------------------------------------------------------
+# --- how much it takes --------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("duration", [1e3, 1e6, 1e9])
@@ -474,8 +471,7 @@ def test_a_motion_of_no_duration_has_the_margin_of_its_state(nodes: int) -> None
     assert static - 2.0 * module.ROUNDING <= found.margin <= static
 
 
-# --- joint limits
-# -----------------------------------------------------------------------------------------------------
+# --- joint limits -------------------------------------------------------------------------------
 
 
 @given(
@@ -545,8 +541,7 @@ def test_a_rate_a_thousand_times_a_tiny_limit_is_not_rounding() -> None:
     assert zs.certify(machine_of("slider").with_limits(velocity=1e-9), trajectory, LEVEL).limits_ok
 
 
-# --- a base that drives
-# -----------------------------------------------------------------------------------------------
+# --- a base that drives -------------------------------------------------------------------------
 
 
 def driving_case(seed: int, speed: float, steps: Array) -> Case:

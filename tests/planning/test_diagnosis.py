@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import zmp_sqp as zs
-from tests.problems import paper_scene
+from benchmarks.problems.paper import paper_scene
 
 START = np.array([0.0, -np.pi / 6, -2 * np.pi / 3, np.pi / 6, -np.pi / 2])
 GOAL = START + np.array([np.pi, 0.0, 0.0, 0.0, 0.0])

@@ -10,17 +10,11 @@ import numpy as np
 import pytest
 
 import zmp_sqp as zs
-from tests.checks import check_feasibility
-from tests.problems import (
-    PAPER_GOAL,
-    PAPER_START,
-    NamedProblem,
-    double_integrator,
-    paper_1,
-    paper_scene,
-    random_problem,
-    slider,
-)
+from benchmarks.problems.arm import random_problem
+from benchmarks.problems.checks import check_feasibility
+from benchmarks.problems.paper import PAPER_GOAL, PAPER_START, paper_1, paper_scene
+from benchmarks.problems.scene import NamedProblem
+from tests.problems import double_integrator, slider
 
 SAFE = 1e-6
 
@@ -40,8 +34,7 @@ def displaced(displacement: np.ndarray, **options: int) -> NamedProblem:
     )
 
 
-# --- ways
-# -------------------------------------------------------------------------------------------------------------
+# --- ways ---------------------------------------------------------------------------------------
 
 
 def test_from_a_pose_to_itself_takes_no_time() -> None:
@@ -131,8 +124,7 @@ def test_more_intervals_are_no_slower_beyond_the_grid() -> None:
     assert durations[2] <= 4.503
 
 
-# --- what cannot be solved
-# --------------------------------------------------------------------------------------------
+# --- what cannot be solved ----------------------------------------------------------------------
 
 
 def hopeless() -> zs.Problem:
@@ -162,8 +154,7 @@ def test_a_problem_without_solution_is_a_status_with_a_diagnosis_and_never_a_tra
         _ = plan.trajectory
 
 
-# --- time
-# -------------------------------------------------------------------------------------------------------------
+# --- time ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("budget", [1e-9, 0.02, 0.2])
@@ -204,8 +195,7 @@ def test_progress_is_told_every_iteration() -> None:
     assert len(told) == plan.iterations > 0
 
 
-# --- the same bits
-# ----------------------------------------------------------------------------------------------------
+# --- the same bits ------------------------------------------------------------------------------
 
 
 def bits(plan: zs.Plan) -> bytes:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import zmp_sqp as zs
-from tests.problems import PAPER_GOAL, PAPER_START
+from benchmarks.problems.paper import PAPER_GOAL, PAPER_START
 
 ROOM = 0.02  # [rad] that the arm may move either way: no more than a few centimetres of ZMP
 PATIENCE = 60.0  # [s] for what takes one or three

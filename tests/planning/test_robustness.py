@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import zmp_sqp as zs
+from benchmarks.problems.paper import paper_scene
 from tests.checks import central_differences
-from tests.problems import paper_scene
 from zmp_sqp.arrays import Array
 from zmp_sqp.mechanics.uncertainty import leaning_corners
 from zmp_sqp.mechanics.wrench import ground_reaction

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import zmp_sqp as zs
+from benchmarks.problems.paper import PAPER_GOAL, PAPER_START, paper_scene
 from tests.checks import central_differences
 from tests.planning.conftest import LEANING, TEST_2, UPRIGHT, lumped, pose
-from tests.problems import PAPER_GOAL, PAPER_START, paper_scene
 from zmp_sqp.planning import LumpedMass, simplified_coordinates
 from zmp_sqp.planning.program.model import ArmModel, extra_curvature
 from zmp_sqp.planning.program.stacked_model import StackedModel
@@ -21,8 +21,7 @@ PRINTED = 1e-5  # [m] constants known to six digits
 DERIVATIVE = 1e-6  # relative: central differences with a step of 1e-6
 
 
-# --- the mapping (7)-(11)
-# ---------------------------------------------------------------------------------------------
+# --- the mapping (7)-(11) -----------------------------------------------------------------------
 
 
 def test_the_papers_start_is_of_the_form() -> None:
@@ -84,8 +83,7 @@ def test_rate_and_acceleration_of_the_distance_are_those_of_differences_in_time(
     np.testing.assert_allclose(acceleration, (ahead - 2.0 * d + behind) / step**2, atol=1e-6)
 
 
-# --- what the planner sees
-# --------------------------------------------------------------------------------------------
+# --- what the planner sees ----------------------------------------------------------------------
 
 
 def stage_model(*, bounded: bool) -> ArmModel:
@@ -159,8 +157,7 @@ def test_without_bounds_on_the_distance_there_are_no_such_rows() -> None:
     assert model.extra_rows == model.extra(*apart(states()[0]))[0].shape[1] == 0
 
 
-# --- refusals
-# ---------------------------------------------------------------------------------------------------------
+# --- refusals -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["slider", "slewing_crane"])

@@ -7,7 +7,9 @@ import pytest
 from scipy.integrate import quad
 
 import zmp_sqp as zs
-from tests.problems import GRAVITY, PAPER_GOAL, PAPER_START, paper_scene, slew, slew_time
+from benchmarks.problems.paper import PAPER_GOAL, PAPER_START, paper_scene
+from benchmarks.problems.scene import GRAVITY
+from tests.problems import slew, slew_time
 from zmp_sqp.mechanics.wrench import ground_reaction
 from zmp_sqp.mechanics.zero_moment_point import zmp_of_wrench
 from zmp_sqp.planning.closed_forms.slew import analytic_slew, analytic_slew_duration

@@ -9,12 +9,18 @@ import numpy as np
 import pytest
 
 import zmp_sqp as zs
+from benchmarks.problems.arm import HARD, random_scene
 from tests.planning.conftest import planned_random
-from tests.problems import HARD, random_scene, slew, slider
+from tests.problems import slew, slider
 
 SAME = 1e-5  # relative: two runs of the SQP that stop at the same optimum
 SLACK = 1e-5  # relative: what an inequality between two optima may miss
-SEEDS = [29, 56, 63, 121]  # of tests.problems.ORDINARY; the ZMP costs time in three of them
+SEEDS = [
+    29,
+    56,
+    63,
+    121,
+]  # of benchmarks.problems.arm.ORDINARY; the ZMP costs time in three of them
 MIRROR = np.array([-1.0, 1.0, 1.0, 1.0, -1.0])  # left and right: slew and head turn the other way
 
 

@@ -12,17 +12,11 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import zmp_sqp as zs
-from tests.planning.driving import (
-    LIMITS,
-    Surface,
-    base,
-    retreat,
-    retreat_problem,
-    rolling_map,
-    terrain,
-    zmp_from_poses,
-)
-from tests.problems import PAPER_GOAL, PAPER_START, paper_scene
+from benchmarks.problems.driving_checks import Surface, zmp_from_poses
+from benchmarks.problems.paper import PAPER_GOAL, PAPER_START, paper_scene
+from benchmarks.problems.terrain import BASE_LIMITS, rolling_map
+from benchmarks.problems.terrain import unicycle_base as base
+from tests.planning.driving import retreat, retreat_problem, terrain
 from zmp_sqp.mechanics.uncertainty import corners
 from zmp_sqp.motion.unicycle_motion import UnicycleMotion
 from zmp_sqp.scenario import SHIPPED, load_scenario
@@ -200,8 +194,7 @@ def test_a_motion_over_terrain_survives_a_csv_file_with_its_ground(
         zs.trajectory_zmp(machine, read, 1.0, rolling_map(-15.0))
 
 
-# --- where no machine can drive
-# ---------------------------------------------------------------------------------------
+# --- where no machine can drive -----------------------------------------------------------------
 
 
 def problem(
@@ -304,8 +297,7 @@ def test_the_simplified_model_does_not_drive() -> None:
         replace(problem(rolling_map()), model="simplified")
 
 
-# --- scenario
-# ---------------------------------------------------------------------------------------------------------
+# --- scenario -----------------------------------------------------------------------------------
 
 
 def test_the_shipped_scenario_is_this_problem(plan: zs.Plan) -> None:
@@ -359,4 +351,4 @@ def test_heights_may_come_from_numpys_file_format(tmp_path: Path) -> None:
 
 
 def test_limits_of_the_base_are_those_of_the_helper() -> None:
-    assert LIMITS["max_speed"] == load_scenario("terrain").problem.base.max_speed
+    assert BASE_LIMITS["max_speed"] == load_scenario("terrain").problem.base.max_speed

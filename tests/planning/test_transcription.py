@@ -10,7 +10,10 @@ import pytest
 import scipy.sparse as sp
 
 import zmp_sqp as zs
-from tests.checks import Oracle, central_differences
+from benchmarks.problems.checks import Oracle
+from benchmarks.problems.paper import paper_scene
+from benchmarks.problems.scene import FOOTPRINT, Scene, Tree
+from tests.checks import central_differences
 from tests.planning.conftest import LEANING, lumped, pose
 from tests.planning.programs import (
     CURVATURE,
@@ -24,7 +27,7 @@ from tests.planning.programs import (
     lagrangian_gradient,
     path_bounds,
 )
-from tests.problems import FOOTPRINT, Scene, Tree, paper_scene, slider
+from tests.problems import slider
 from zmp_sqp.mechanics.coordinates import Coordinates
 from zmp_sqp.planning import simplified_coordinates
 from zmp_sqp.planning.program import null_space
@@ -239,8 +242,7 @@ def test_wrench_curvature(case: Case) -> None:
     np.testing.assert_allclose(found, expected, atol=CURVATURE * float(np.abs(expected).max()))
 
 
-# --- points
-# -----------------------------------------------------------------------------------------------------------
+# --- points -------------------------------------------------------------------------------------
 
 
 def test_pack_closes_the_gaps_and_unpack_undoes_it(case: Case) -> None:

@@ -10,7 +10,8 @@ import pinocchio as pin
 import pytest
 
 import zmp_sqp as zs
-from tests.problems import FOOTPRINT, random_scene
+from benchmarks.problems.arm import random_scene
+from benchmarks.problems.scene import FOOTPRINT
 from zmp_sqp.simulation.multibody import contact_time, multibody_spec
 
 mujoco = pytest.importorskip("mujoco")

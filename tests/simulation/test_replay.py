@@ -10,8 +10,11 @@ import numpy as np
 import pytest
 
 import zmp_sqp as zs
+from benchmarks.problems.arm import HARD, ORDINARY, Recipe
+from benchmarks.problems.paper import paper_1
+from benchmarks.problems.scene import GRAVITY, NamedProblem
 from benchmarks.replay import LIFTED, run
-from tests.problems import GRAVITY, HARD, ORDINARY, SLIDER_HEIGHT, NamedProblem, Recipe, paper_1
+from tests.problems import SLIDER_HEIGHT
 
 pytestmark = pytest.mark.physics
 
@@ -134,8 +137,7 @@ def test_margin_and_physics_agree_but_for_short_excursions(recipe: Recipe, seed:
         assert row["margin"] < 0.0 or row["lift"] < STANDS, row
 
 
-# --- what is refused
-# --------------------------------------------------------------------------------------------------
+# --- what is refused ----------------------------------------------------------------------------
 
 
 def test_a_missing_engine_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:
