@@ -48,8 +48,8 @@ def slider(*, intervals: int = 100, s: float = 0.3, half_length: float = 0.5) ->
 
 # --- slew on a round foot -----------------------------------------------------------------------
 
-# urdf/slewing_crane.urdf: 1000 kg on a base of 1000 kg, turning on a circle of 2 m in radius, so
-# that the centre of mass turns on one of 1 m, and rho = (radius of the foot) / (1 m)
+# urdf/slewing_crane.urdf: 1000 kg turn at a radius of 2 m on a base of 1000 kg. The common centre
+# of mass turns at a radius of 1 m, so rho = (radius of the foot) / (1 m).
 CRANE_HEIGHT = 3.0  # [m] of the turning mass
 
 
