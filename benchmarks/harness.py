@@ -21,6 +21,7 @@ import numpy as np
 import pinocchio as pin
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 import zmp_sqp as zs
 
@@ -76,7 +77,11 @@ console = Console(width=140, highlight=False)
 
 
 def benchmark_parser(
-    description: str | None, *, count: int | None = None, qp_solver: bool = False
+    description: str | None,
+    *,
+    count: int | None = None,
+    qp_solver: bool = False,
+    results: bool = True,
 ) -> argparse.ArgumentParser:
     """Command line of a benchmark, to which it may add options of its own.
 
@@ -84,9 +89,7 @@ def benchmark_parser(
         description: Docstring of the module.
         count: Default number of problems. Adds --count and --first; without it there are none.
         qp_solver: Adds --qp-solver.
-
-    Returns:
-        A parser with --json and the options asked for.
+        results: Adds --json.
     """
     parser = argparse.ArgumentParser(
         description=description, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -98,7 +101,8 @@ def benchmark_parser(
         parser.add_argument("--first", type=int, default=0, help="seed of the first (default 0)")
     if qp_solver:
         parser.add_argument("--qp-solver", default="proxqp", help="default: proxqp")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write all results to this file")
+    if results:
+        parser.add_argument("--json", type=Path, metavar="FILE", help="write all results here")
     return parser
 
 
@@ -173,7 +177,7 @@ def run_all(
     for seed in seeds:
         row = run(seed)
         if not row["solved"]:
-            console.print(f"[bold]seed {seed} not solved[/bold]: {row}")
+            console.print(f"seed {seed} not solved: {row}", style="bold", markup=False)
         rows.append(row)
     return rows, 0.5 * (before + measure_F(machine))
 
@@ -217,11 +221,13 @@ def print_slowest(rows: Sequence[Row], columns: Sequence[str]) -> None:
 
 def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
     """Print one table; the first column is left-aligned, the others right-aligned."""
-    table = Table(title=title, title_justify="left")
+    # Text, because rich would read the unit [s] as a style
+    table = Table(title=Text(title), title_justify="left")
     for i, column in enumerate(columns):
-        table.add_column(column, justify="left" if i == 0 else "right")
+        table.add_column(Text(column), justify="left" if i == 0 else "right")
     for row in rows:
-        table.add_row(*(entry if isinstance(entry, str) else f"{entry:.4g}" for entry in row))
+        entries = (entry if isinstance(entry, str) else f"{entry:.4g}" for entry in row)
+        table.add_row(*map(Text, entries))
     console.print(table)
 
 

@@ -5,14 +5,13 @@ python -m benchmarks.memory [--plans 10000]
 
 from __future__ import annotations
 
-import argparse
 import resource
 from pathlib import Path
 
 import numpy as np
 
 import zmp_sqp as zs
-from benchmarks.harness import console
+from benchmarks.harness import benchmark_parser, console
 from benchmarks.problems.paper import PAPER_GOAL, PAPER_START, paper_scene
 
 LINES = 10  # printed on the way
@@ -44,9 +43,7 @@ def growth(plans: int, *, seed: int = 0) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = benchmark_parser(__doc__, results=False)
     parser.add_argument("--plans", type=int, default=10_000, help="default: 10000")
     console.print(f"growth: {growth(parser.parse_args().plans):.3f} MB per 1000 plans")
 

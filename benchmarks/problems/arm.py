@@ -1,4 +1,4 @@
-"""Seeded random problems of the arm alone: from rest to rest on a random slope, the base at rest."""
+"""Seeded random problems of the arm: from rest to rest on a random slope, the base at rest."""
 
 from __future__ import annotations
 

@@ -101,7 +101,7 @@ class NamedProblem:
 
 
 def arm_range(machine: zs.Machine) -> tuple[np.ndarray, np.ndarray]:
-    """Joint positions to draw from: the joint limits, and one full turn for the slew joint [rad]."""
+    """Range of joint positions to draw from: the joint limits, and one turn for the slew [rad]."""
     lower = np.array(machine.limits.position_lower)
     upper = np.array(machine.limits.position_upper)
     lower[0], upper[0] = -np.pi, np.pi

@@ -1,4 +1,4 @@
-"""Seeded random problems in which base and arm move over a heightmap, or over the plane below it."""
+"""Seeded random problems in which base and arm move over a heightmap, or the plane below it."""
 
 from __future__ import annotations
 
