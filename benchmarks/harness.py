@@ -36,6 +36,7 @@ __all__ = [
     "print_distributions",
     "print_slowest",
     "print_table",
+    "provenance",
     "run_all",
     "save_json",
     "seeds",
@@ -248,6 +249,15 @@ def versions() -> dict[str, str]:
     return found | {"zmp_sqp": zs.__version__}
 
 
+def provenance() -> dict[str, Any]:
+    """Date, load of the computer and versions, which every file of results starts with.
+
+    A load above the number of processors means that other programs were running.
+    """
+    load = [round(share, 2) for share in os.getloadavg()]
+    return {"date": time.strftime("%Y-%m-%d"), "load": load, "versions": versions()}
+
+
 def save_json(
     path: Path,
     content: Mapping[str, Any],
@@ -266,11 +276,8 @@ def save_json(
         digits: Decimals of numbers in rows; None: all.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    # a load above the number of processors: other programs were running
-    load = [round(share, 2) for share in os.getloadavg()]
-    stamp = {"date": time.strftime("%Y-%m-%d"), "load": load, "versions": versions()}
     named = {"columns": columns} if columns else {}
-    head = json.dumps({**stamp, **content, **named}, indent=1).removesuffix("\n}")
+    head = json.dumps({**provenance(), **content, **named}, indent=1).removesuffix("\n}")
 
     def entry(value: Any) -> Any:
         return round(value, digits) if digits and isinstance(value, float) else value
