@@ -39,7 +39,7 @@ def slider_time(half_length: float, s: float) -> float:
 
 
 def slider(*, intervals: int = 100, s: float = 0.3, half_length: float = 0.5) -> NamedProblem:
-    """A mass that slides at constant height; the ZMP is on the rear edge, then on the front edge."""
+    """A mass slides at constant height; the ZMP is on the rear edge, then on the front one."""
     foot = ((-half_length, -2.0), (half_length, -2.0), (half_length, 2.0), (-half_length, 2.0))
     scene = Scene("slider", foot)
     problem = scene.problem([-s], [s], intervals=intervals)

@@ -328,7 +328,10 @@ def test_limits_that_are_missing_are_named_when_a_problem_is_posed(tmp_path: Pat
 
 @pytest.mark.parametrize("name", ["start", "goal"])
 def test_poses_that_tip_over_at_rest(name: str) -> None:
-    """The paper's own: arm over the left side on a slope of 20 degrees, the ZMP 2.056 m out, the edge at 1.615 m."""
+    """The paper's own: arm over the left side, roll 20 degrees.
+
+    The ZMP is at 2.056 m, the edge at 1.615 m.
+    """
     scene = paper_scene()
     over_left = with_entry(0, np.pi / 2)
     poses = {"start": POSE, "goal": PAPER_GOAL} | {name: over_left}
@@ -457,7 +460,10 @@ def test_supports_in_place(support: Any) -> None:
 
 # --- URDFs --------------------------------------------------------------------------------------
 
-INERTIAL = '<inertial><mass value="{mass}"/><inertia ixx="{ixx}" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+INERTIAL = (
+    '<inertial><mass value="{mass}"/>'
+    '<inertia ixx="{ixx}" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+)
 URDF = """<robot name="box">
   <link name="base">{base}<collision><geometry><box size="1 1 0.2"/></geometry></collision></link>
   <joint name="turn" type="{kind}"><parent link="{parent}"/><child link="arm"/><axis
@@ -536,7 +542,8 @@ def test_urdfs_that_cannot_be_a_machine(
         b"<robot name='x'><link name='a'/></robot>",
         b"\x00" * 100,
         b"<!DOCTYPE a [<!ENTITY b 'c'>]><robot name='x'><link name='a'/></robot>",
-        b"<robot name='x' xmlns:xacro='http://wiki.ros.org/xacro'><xacro:include filename='y'/></robot>",
+        b"<robot name='x' xmlns:xacro='http://wiki.ros.org/xacro'>"
+        b"<xacro:include filename='y'/></robot>",
     ],
     ids=lambda content: content[:30].decode(errors="replace"),
 )

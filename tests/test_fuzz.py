@@ -1,4 +1,4 @@
-"""Random and broken input at every public door: a typed error or a sound answer, never anything else."""
+"""Random and broken input at every public function: a typed error or a sound answer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`zmp-sqp paper`: what it computes, prints and writes, and that it fails where what should be safe is not."""
+"""`zmp-sqp paper`: what it computes, prints and writes, and when its exit code is 1."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ def test_json_holds_what_the_help_explains(result: dict[str, Any]) -> None:
 
 @pytest.fixture(scope="module")
 def rungs() -> list[dict[str, Any]]:
-    """One rung that costs nothing, one that costs the simplified model time, one without a motion, one refused."""
+    """Four rungs: costs nothing, costs the simplified model time, no motion, refused."""
     return list(ladder(((2000.0, -10.0), (3000.0, -50.0), (8000.0, -10.0), (10000.0, -50.0))))
 
 

@@ -1,4 +1,4 @@
-"""Scenario files: what they mean, and one clear sentence about each thing that is wrong with one."""
+"""Scenario files: what they mean, and one clear sentence about each mistake in one."""
 
 from __future__ import annotations
 

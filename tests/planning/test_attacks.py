@@ -259,7 +259,7 @@ def test_a_base_that_turns_fast_over_terrain_has_a_margin_or_a_reason_why_not(
 
 
 def test_to_ask_for_a_negative_margin_asks_for_no_less_proof_than_to_ask_for_none() -> None:
-    """Without a margin this motion keeps to the edge by 0.01 mm, and so it does if less is asked for."""
+    """Without a margin this motion stays 0.01 mm inside, and also if less is asked for."""
     scene = paper_scene()
     plan = zs.plan(scene.problem(PAPER_START, PAPER_GOAL))
     assert plan.success, plan.message

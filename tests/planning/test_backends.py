@@ -61,7 +61,7 @@ def test_native_piqp_gives_the_same_duration_on_the_slider() -> None:
 
 
 def test_native_piqp_is_safe_where_the_zmp_costs_time_and_at_least_as_fast() -> None:
-    """Its sparse QP knows no ties between slopes, so on more than a few controls its motions are a little faster.
+    """PIQP's sparse QP has no ties between slopes: with many controls T is a little less.
 
     Its Hessian is clipped stage by stage, so that it takes three times the iterations here.
     """
@@ -96,7 +96,10 @@ def test_the_history_says_what_every_iteration_did() -> None:
 def test_where_the_bound_can_be_kept_one_qp_in_one_round_is_enough(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """A second round for rows that are missed by little would cost as much again (docs/notes.md)."""
+    """A second round for rows that are missed by little would cost as much again.
+
+    See docs/notes.md.
+    """
     sizes: list[int] = []
     solve = ProxQP.solve
 

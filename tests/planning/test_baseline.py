@@ -1,4 +1,4 @@
-"""The phase-plane method and the minimum time of one joint, also on a grid, against closed forms and brute force."""
+"""Phase-plane method and minimum time of one joint: closed forms and brute force."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_minimum_time_is_a_motion_that_arrives_within_the_limits(seed: int) -> N
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_no_sampled_control_is_faster_than_minimum_time(seed: int) -> None:
-    """Brute force: the shortest time in which a linear program on a fine grid arrives, less than which nothing can."""
+    """Lower bound by brute force: the least time in which an LP on a fine grid arrives."""
     rng = np.random.default_rng([1, seed])
     v_max, a_max = rng.uniform(0.3, 1.5, 2)
     v0, v1 = rng.uniform(-v_max, v_max, 2)
@@ -66,7 +66,7 @@ def test_no_sampled_control_is_faster_than_minimum_time(seed: int) -> None:
 def reach(
     T: float, N: int, distance: float, v_max: float, a_max: float, v0: float, v1: float
 ) -> float:
-    """Least distance from the goal state that piecewise constant accelerations get to in N steps of T / N, by LP."""
+    """Least distance from the goal state after N steps of T / N, by a linear program."""
     h = T / N
     rates = h * np.tril(np.ones((N, N)))  # node rates 1..N
     place = h**2 * (N - np.arange(N) - 0.5)

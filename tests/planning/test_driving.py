@@ -98,7 +98,7 @@ def test_boundaries_in_motion() -> None:
 
 
 def test_a_retreat_that_begins_and_ends_in_motion_keeps_the_limits_of_its_base() -> None:
-    """Arriving to the last digit once cost 1e-6 of the acceleration limit, and with it the proof."""
+    """Arriving to the last digit once cost 1e-6 of the acceleration limit, and the proof."""
     problem = retreat_problem(paper_scene(point_masses=False))
     moving = replace(problem.base, start_velocity=(0.8, 0.0), goal_velocity=(0.0, 0.0))
     plan = zs.plan(replace(problem, base=moving))

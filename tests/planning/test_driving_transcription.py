@@ -1,4 +1,4 @@
-"""Derivatives and null-space basis of the program of a machine that drives, against central differences."""
+"""Derivatives and null-space basis of the driving program, against differences."""
 
 from __future__ import annotations
 

@@ -69,7 +69,7 @@ def test_paper_1_holds_the_margin_it_is_asked_for() -> None:
 
 
 def test_the_checkers_own_zmp_is_eq_5_by_differences() -> None:
-    """The oracle's inverse dynamics against second differences of positions: neither uses the library."""
+    """The oracle's inverse dynamics against second differences, both without the library."""
     rng = np.random.default_rng(4)
     scene = Scene(
         "feller_buncher",

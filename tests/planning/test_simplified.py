@@ -1,4 +1,4 @@
-"""The simplified model, eqs. (7)-(11) and (20) of Song & Sharf 2020: mapping, derivatives, refusals."""
+"""The simplified model, Song & Sharf 2020, (7)-(11), (20): mapping, derivatives, refusals."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_the_papers_start_is_of_the_form() -> None:
 
 
 def test_the_lumped_mass_is_that_of_table_1() -> None:
-    r"""Delta = m2 l2/2 + m3 (l2 + l3/2) + 2 m4 l2 + 2 m5 l2 with the tree in m5, over the sum of m1 ... m5."""
+    r"""Delta = (m2 l2/2 + m3 (l2 + l3/2) + 2 m4 l2 + 2 m5 l2) / sum m_i, the tree in m5."""
     m1, m2, m3, m4, m5, length, l4 = 5000.0, 2000.0, 1000.0, 50.0, 2600.0 + 4000.0, 3.27, 0.458
     total = m1 + m2 + m3 + m4 + m5
     delta = m2 * length / 2 + m3 * length + m3 * length / 2 + 2 * m4 * length + 2 * m5 * length
@@ -43,7 +43,7 @@ def test_the_lumped_mass_is_that_of_table_1() -> None:
 
 @pytest.mark.parametrize("attitude", [UPRIGHT, LEANING])
 def test_distance_is_where_the_slewing_mass_stands(attitude: float) -> None:
-    """Eq. (9) against the centre of mass of all that slews, from the ZMP of the standing machine on the level."""
+    """Eq. (9) against the centre of mass of all that slews, from static ZMPs."""
     machine, found = paper_scene().load(), lumped(attitude)
     booms = np.linspace(-1.3, -0.2, 7)
     q = np.array([pose(0.0, boom, attitude=attitude) for boom in booms])

@@ -1,4 +1,4 @@
-"""Plans of the simplified model, eq. (20) of Song & Sharf 2020: held to the paper, to (7) and to the full model."""
+"""Plans of the simplified model, Song & Sharf 2020, eq. (20): paper, (7), full model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Slopes that are set free shorten a motion about as much as all of them would; ways by poses that do not stand."""
+"""Slopes set free shorten a motion about as much as all would; paths by poses that tip over."""
 
 from __future__ import annotations
 

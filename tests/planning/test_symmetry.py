@@ -35,7 +35,7 @@ def test_the_mirrored_problem_takes_as_long(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_problem_seen_from_behind_takes_as_long(seed: int) -> None:
-    """The footprint looks the same from front and back; half a turn of the ground is half a turn of the slew."""
+    """The footprint is symmetric: half a turn of the ground is half a turn of the slew."""
     named, plan = planned_random(seed)
     scene, problem = (
         replace(named.scene, roll=-named.scene.roll, pitch=-named.scene.pitch),
@@ -58,7 +58,7 @@ def test_the_way_back_takes_as_long(seed: int) -> None:
 
 
 def test_the_slope_is_the_same_in_whatever_frame_it_is_given() -> None:
-    """A slope of pitch alone seen by a machine that stands across it: slew turned by a quarter, roll for pitch."""
+    """A pitch seen by a machine that stands across: slew by a quarter turn, roll for pitch."""
     square = ((-1.3, -1.3), (1.3, -1.3), (1.3, 1.3), (-1.3, 1.3))
     scene = replace(slew(radius=1.3, intervals=30).scene, vertices=square)
     along, across = replace(scene, pitch=0.05), replace(scene, roll=0.05)

@@ -1,4 +1,4 @@
-"""The machine drives over terrain while the arm swings: planned, certified, and recomputed by other means."""
+"""Base and arm over terrain: planned, certified, and recomputed by other means."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ def test_gravity_of_an_uncertain_slope_leans_for_a_base_that_drives() -> None:
 
 
 def random_drive(seed: int) -> tuple[zs.Machine, zs.Trajectory, zs.Heightmap]:
-    """Anything that a machine's joints and base can do, over waves of any direction and grids of any resolution."""
+    """Random motions of joints and base over waves of any direction, on any grid."""
     rng, machine = np.random.default_rng([7, seed]), paper_scene(point_masses=False).load()
     waves = [
         (rng.uniform(0.0, 0.15), rng.uniform(16.0, 40.0), *rng.uniform(0.0, 6.0, 2))

@@ -90,7 +90,7 @@ def case(request: pytest.FixtureRequest) -> Case:
 
 
 def middle_rows(case: Case) -> slice:
-    """The control points between the interval ends: their Jacobian holds on the manifold of closed gaps alone."""
+    """Control points between interval ends: their Jacobian holds where gaps are closed."""
     third = case.nlp.layout.wrench_rows // 3
     return slice(2 * third, 3 * third)
 
@@ -199,7 +199,7 @@ def transcribed(
 
 
 def test_hessian_of_the_lagrangian(case: Case) -> None:
-    """Multipliers on everything but the middle control points, which are rows of closed gaps alone."""
+    """Multipliers on all rows but those of middle control points, which need closed gaps."""
     nlp, x, rng = case.nlp, case.point(3), np.random.default_rng(2)
     lin = nlp.linearize(x)
     z = rng.uniform(0.0, 1.0, len(lin.at.inequalities))
@@ -269,7 +269,7 @@ def test_arrived_meets_the_goal_to_rounding_and_leaves_a_point_alone_that_does(c
 
 
 def test_wrench_rows_are_the_distances_to_the_edges_times_the_normal_force(case: Case) -> None:
-    """(e . p - b + margin) f_z, over the weight and the reference's square, at both ends of every interval."""
+    """(e . p - b + margin) f_z over weight and reference squared, at both interval ends."""
     nlp, x = case.nlp, case.point(5)
     q, w, controls, S = nlp.unpack(x)
     T, oracle, arm = np.sqrt(S), Oracle(case.scene), nlp.model.coordinates

@@ -1,4 +1,4 @@
-"""What physics says of motions: ours stand, the phase plane's tips over, and excursions lift as closed forms say."""
+"""Replays: plans stand, the phase plane's motion tips over, lifts are as in closed forms."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def test_the_phase_plane_tips_the_papers_machine_over_and_ours_does_not(point_ma
 
 
 def test_a_margin_keeps_load_on_the_upper_track() -> None:
-    """With the ZMP 0.1 m inside, the other track carries 0.1 m / 3.23 m of the weight on the ground at least."""
+    """With the ZMP 0.1 m inside, the other track carries at least 0.1 / 3.23 of the weight."""
     named, planned, _ = motions(True, 0.1)
     replay = zs.replay(named.problem.machine, planned, named.problem.ground, hold=0.0)
     total = replay.loads.sum(axis=1)
@@ -102,7 +102,10 @@ def test_the_zmp_of_the_contact_forces_is_ours_in_motion_too() -> None:
 
 @pytest.mark.parametrize("time", [0.05, 0.1, 0.2])
 def test_a_push_past_the_edge_lifts_as_a_rocking_body_does(time: float) -> None:
-    r"""theta'' = (m h a - (m + M) g L) / (m (L^2 + h^2) + I_m + M L^2 + I_M), masses in the middle, lift 2 L theta."""
+    r"""Rocking of two masses in the middle of the foot, lift = 2 L theta.
+
+    theta'' = (m h a - (m + M) g L) / (m (L^2 + h^2) + I_m + M L^2 + I_M).
+    """
     half, a, m, base = 0.5, 4.0, 1000.0, 100.0
     machine, trajectory = push(a, time)
     moment = m * SLIDER_HEIGHT * a - (m + base) * GRAVITY * half
