@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -92,32 +93,42 @@ def zmp_from_poses(
 
     points = []
     for k in range(len(times)):
-        (_, a), (_, ab), (root, b), (_, bc), (_, c) = (
-            poses_of_bodies(p[k], q[k]) for p, q in zip(bases, arms, strict=True)
-        )
+        found = [poses_of_bodies(p[k], q[k]) for p, q in zip(bases, arms, strict=True)]
+        root = found[2][0]  # at the time itself
         force, moment = np.zeros(3), np.zeros(3)
-        for i, before, early, now, late, after in zip(bodies, a, ab, b, bc, c, strict=True):
-            inertia = model.inertias[i]
-            centres = [pose.act(inertia.lever) for pose in (before, now, after)]
-            # c'' - g
-            acceleration = (centres[2] - 2.0 * centres[1] + centres[0]) / step**2 + np.array(
-                [0.0, 0.0, GRAVITY]
-            )
-            force += inertia.mass * acceleration
-            moment += inertia.mass * np.cross(centres[1] - root.translation, acceleration)
-            # angular momenta half a step earlier and later
-            momenta = [
-                middle.rotation
-                @ inertia.inertia
-                @ middle.rotation.T
-                @ pin.log3(end.rotation @ first.rotation.T)
-                / step
-                for first, middle, end in ((before, early, now), (now, late, after))
-            ]
-            moment += (momenta[1] - momenta[0]) / step
+        for i, poses in zip(bodies, zip(*(each for _, each in found), strict=True), strict=True):
+            push, turning = _rates_of_momenta(model.inertias[i], poses, step)
+            centre = poses[2].act(model.inertias[i].lever)
+            force += push
+            moment += np.cross(centre - root.translation, push) + turning
         f, tau = root.rotation.T @ force, root.rotation.T @ moment
         points.append([-tau[1] / f[2], tau[0] / f[2]])
     return np.array(points)
+
+
+def _rates_of_momenta(
+    inertia: pin.Inertia, poses: Sequence[pin.SE3], step: float
+) -> tuple[Array, Array]:
+    """m (c'' - g) of a body, and the rate of its angular momentum about c, in world axes.
+
+    Args:
+        inertia: Of the body.
+        poses: Of the body, five, half a step apart.
+        step: [s].
+    """
+    before, early, now, late, after = poses
+    centres = [pose.act(inertia.lever) for pose in (before, now, after)]
+    second_difference = (centres[2] - 2.0 * centres[1] + centres[0]) / step**2
+    momenta = [  # half a step earlier and later
+        middle.rotation
+        @ inertia.inertia
+        @ middle.rotation.T
+        @ pin.log3(end.rotation @ first.rotation.T)
+        / step
+        for first, middle, end in ((before, early, now), (now, late, after))
+    ]
+    push = inertia.mass * (second_difference + np.array([0.0, 0.0, GRAVITY]))
+    return push, (momenta[1] - momenta[0]) / step
 
 
 def driving_violation(drawn: DrivingProblem, trajectory: zs.Trajectory) -> dict[str, float]:
