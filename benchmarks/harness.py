@@ -1,24 +1,52 @@
-"""What the benchmarks share: the unit F, versions, distributions, tables, JSON."""
+"""What all benchmarks share: options, timing, the unit F, tables, JSON, exit codes.
+
+Times are processor times, which other programs on the computer disturb less than wall times. F is
+the time of 100 calls of `pin.computeRNEADerivatives` on the machine's model; times in F can be
+compared between computers.
+"""
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import platform
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import pinocchio as pin
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
 import zmp_sqp as zs
 
-__all__ = ["console", "distribution", "measure_F", "print_table", "save_json", "versions"]
+__all__ = [
+    "Timing",
+    "benchmark_parser",
+    "console",
+    "distribution",
+    "exit_code",
+    "measure_F",
+    "near_bound",
+    "print_distributions",
+    "print_slowest",
+    "print_table",
+    "provenance",
+    "run_all",
+    "save_json",
+    "seeds",
+    "timed",
+    "timed_plan",
+    "versions",
+]
+
+T = TypeVar("T")
+Row = dict[str, Any]  # result of one problem, by column
 
 PACKAGES = (
     "numpy",
@@ -32,7 +60,7 @@ PACKAGES = (
     "casadi",
     "mujoco",
 )
-EVALUATIONS = 100  # one F: both ends of 50 intervals
+EVALUATIONS = 100  # calls in one F: both ends of 50 intervals
 QUANTILES = (
     ("min", 0),
     ("25 %", 25),
@@ -42,27 +70,169 @@ QUANTILES = (
     ("99 %", 99),
     ("max", 100),
 )
+SLOWEST = 5  # rows in the table of the problems with the most iterations
 
 console = Console(width=140, highlight=False)
 
+# --- options -------------------------------------------------------------------------------------
+
+
+def benchmark_parser(
+    description: str | None,
+    *,
+    count: int | None = None,
+    qp_solver: bool = False,
+    results: bool = True,
+) -> argparse.ArgumentParser:
+    """Command line of a benchmark, to which it may add options of its own.
+
+    Args:
+        description: Docstring of the module.
+        count: Default number of problems. Adds --count and --first; without it there are none.
+        qp_solver: Adds --qp-solver.
+        results: Adds --json.
+    """
+    parser = argparse.ArgumentParser(
+        description=description, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    if count is not None:
+        parser.add_argument(
+            "--count", type=int, default=count, help=f"number of problems (default {count})"
+        )
+        parser.add_argument("--first", type=int, default=0, help="seed of the first (default 0)")
+    if qp_solver:
+        parser.add_argument("--qp-solver", default="proxqp", help="default: proxqp")
+    if results:
+        parser.add_argument("--json", type=Path, metavar="FILE", help="write all results here")
+    return parser
+
+
+def seeds(options: argparse.Namespace) -> range:
+    """Seeds that --first and --count ask for."""
+    return range(options.first, options.first + options.count)
+
+
+def exit_code(*, success: bool) -> int:
+    """Exit code of a benchmark: 0 where every expectation holds, 1 otherwise."""
+    return 0 if success else 1
+
+
+# --- timing --------------------------------------------------------------------------------------
+
+
+class Timing(NamedTuple):
+    """Duration of a call."""
+
+    processor: float  # [s] processor time of this process
+    wall: float  # [s]
+
+
+def timed(call: Callable[[], T]) -> tuple[T, Timing]:
+    """Result of a call without arguments, and how long it took."""
+    processor, wall = time.process_time(), time.perf_counter()
+    result = call()
+    return result, Timing(time.process_time() - processor, time.perf_counter() - wall)
+
+
+def timed_plan(problem: zs.Problem, qp_solver: str = "proxqp") -> tuple[zs.Plan, Row]:
+    """Plan of a problem, and the columns that the tables of all benchmarks share."""
+    plan, took = timed(lambda: zs.plan(problem, qp_solver=qp_solver))
+    return plan, {
+        "status": plan.status.name,
+        "iterations": plan.iterations,
+        "seconds": round(took.processor, 5),
+        "duration": plan.duration,
+        "lower_bound": plan.lower_bound,
+        "message": plan.message,
+    }
+
 
 def measure_F(machine: zs.Machine, *, repeats: int = 51) -> float:
-    """F [s]: processor time of 100 `pin.computeRNEADerivatives` calls on this machine's model, median of many."""
+    """F [s]: processor time of 100 calls of `pin.computeRNEADerivatives`, median of the repeats."""
     model, data, rng = machine.model, machine.model.createData(), np.random.default_rng(0)
     q = machine.configuration(rng.uniform(-1.0, 1.0, (EVALUATIONS, machine.size)))
     v, a = rng.uniform(-1.0, 1.0, (2, EVALUATIONS, model.nv))
-    rows, evaluate, times = list(zip(q, v, a, strict=True)), pin.computeRNEADerivatives, []
-    for _ in range(repeats):
-        started = time.process_time()
-        for one_q, one_v, one_a in rows:
+    states, evaluate = list(zip(q, v, a, strict=True)), pin.computeRNEADerivatives
+
+    def evaluate_all() -> None:
+        for one_q, one_v, one_a in states:
             evaluate(model, data, one_q, one_v, one_a)
-        times.append(time.process_time() - started)
-    return float(np.median(times))
+
+    return float(np.median([timed(evaluate_all)[1].processor for _ in range(repeats)]))
+
+
+def run_all(
+    run: Callable[[int], Row], seeds: Iterable[int], machine: zs.Machine
+) -> tuple[list[Row], float]:
+    """Results of all seeds, and F [s].
+
+    F is the mean of two measurements, before and after, because it varies with the load of the
+    computer.
+
+    Args:
+        run: Plans the problem of a seed. One that is not `solved` is printed at once.
+        seeds: Of the problems.
+        machine: F is measured on its model.
+    """
+    before, rows = measure_F(machine), []
+    for seed in seeds:
+        row = run(seed)
+        if not row["solved"]:
+            console.print(f"seed {seed} not solved: {row}", style="bold", markup=False)
+        rows.append(row)
+    return rows, 0.5 * (before + measure_F(machine))
+
+
+# --- tables --------------------------------------------------------------------------------------
+
+
+def near_bound(rows: Iterable[Row], tolerance: float) -> int:
+    """Number of solved problems whose duration exceeds its lower bound by at most a share."""
+    return sum(
+        row["solved"] and row["duration"] <= (1.0 + tolerance) * row["lower_bound"] for row in rows
+    )
 
 
 def distribution(values: Sequence[float]) -> dict[str, float]:
-    """Quantiles, from the least to the largest."""
+    """Quantiles by name, from the least value to the largest."""
     return {name: float(np.percentile(values, share)) for name, share in QUANTILES}
+
+
+def print_distributions(rows: Sequence[Row], F: float) -> dict[str, dict[str, float]]:
+    """Print quantiles of iterations and of the time in F, and return them for the JSON file."""
+    iterations = distribution([row["iterations"] for row in rows])
+    in_F = distribution([row["seconds"] / F for row in rows])
+    print_table(
+        "distribution",
+        ("", *iterations),
+        [("iterations", *iterations.values()), ("time [F]", *in_F.values())],
+    )
+    return {"iterations": iterations, "time_in_F": in_F}
+
+
+def print_slowest(rows: Sequence[Row], columns: Sequence[str]) -> None:
+    """Print these columns of the problems with the most iterations."""
+    slowest = sorted(rows, key=lambda row: -row["iterations"])[:SLOWEST]
+    print_table(
+        "most iterations",
+        ("seed", *columns),
+        [[str(row["seed"]), *(row[key] for key in columns)] for row in slowest],
+    )
+
+
+def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
+    """Print one table; the first column is left-aligned, the others right-aligned."""
+    # Text, because rich would read the unit [s] as a style
+    table = Table(title=Text(title), title_justify="left")
+    for i, column in enumerate(columns):
+        table.add_column(Text(column), justify="left" if i == 0 else "right")
+    for row in rows:
+        entries = (entry if isinstance(entry, str) else f"{entry:.4g}" for entry in row)
+        table.add_row(*map(Text, entries))
+    console.print(table)
+
+
+# --- files ---------------------------------------------------------------------------------------
 
 
 def versions() -> dict[str, str]:
@@ -79,25 +249,40 @@ def versions() -> dict[str, str]:
     return found | {"zmp_sqp": zs.__version__}
 
 
-def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> None:
-    """One table on the terminal; the first column is left-aligned."""
-    table = Table(title=title, title_justify="left")
-    for i, column in enumerate(columns):
-        table.add_column(column, justify="left" if i == 0 else "right")
-    for row in rows:
-        table.add_row(*(entry if isinstance(entry, str) else f"{entry:.4g}" for entry in row))
-    console.print(table)
+def provenance() -> dict[str, Any]:
+    """Date, load of the computer and versions, which every file of results starts with.
+
+    A load above the number of processors means that other programs were running.
+    """
+    load = [round(share, 2) for share in os.getloadavg()]
+    return {"date": time.strftime("%Y-%m-%d"), "load": load, "versions": versions()}
 
 
 def save_json(
-    path: Path, content: Mapping[str, Any], *, rows: Sequence[Sequence[Any]] = ()
+    path: Path,
+    content: Mapping[str, Any],
+    *,
+    rows: Sequence[Row] = (),
+    columns: Sequence[str] = (),
+    digits: int | None = None,
 ) -> None:
-    """Content with versions and date; `rows` follow one a line, so that differences between runs can be read."""
+    """Write content and rows with date, load of the computer and versions.
+
+    Args:
+        path: File to write.
+        content: Summary.
+        rows: Each becomes one line, so that two files can be compared by `diff`.
+        columns: Keys of a row that are written, in this order.
+        digits: Decimals of numbers in rows; None: all.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
-    # above the number of processors: others were at work
-    load = [round(share, 2) for share in os.getloadavg()]
-    stamped = {"date": time.strftime("%Y-%m-%d"), "load": load, "versions": versions(), **content}
-    head = json.dumps(stamped, indent=1).removesuffix("\n}")
-    body = ",\n".join(f"  {json.dumps(row)}" for row in rows)
+    named = {"columns": columns} if columns else {}
+    head = json.dumps({**provenance(), **content, **named}, indent=1).removesuffix("\n}")
+
+    def entry(value: Any) -> Any:
+        return round(value, digits) if digits and isinstance(value, float) else value
+
+    lines = [json.dumps([entry(row[key]) for key in columns]) for row in rows]
+    body = ",\n".join(f"  {line}" for line in lines)
     path.write_text(f'{head},\n "rows": [\n{body}\n ]\n}}\n', encoding="utf-8")
     console.print(f"written to {path}")

@@ -1,16 +1,15 @@
-"""Song & Sharf 2020 beside our own numbers, with the ladder that the paper lacks; the README's tables are made from it.
+"""Song & Sharf 2020 beside our numbers, and the tables of the README.
 
     python -m benchmarks.paper [--repeats 7] [--json benchmarks/results/paper.json]
-    python -m benchmarks.paper --readme        README.md's tables from
-    benchmarks/results/paper.json, nothing is run
+    python -m benchmarks.paper --readme
 
-What is computed stands in zmp_sqp/paper/runs.py and zmp_sqp/paper/ladder.py; `zmp-sqp paper` shows
-the same with figures. The exit code is 1 where something that should be safe is not.
+The first command computes the numbers, as `zmp-sqp paper` does (zmp_sqp/paper). The second one
+computes nothing: it makes the tables of README.md from benchmarks/results/paper.json. The exit code
+is 1 where a motion that should be safe is not.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import re
 import sys
@@ -18,7 +17,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from benchmarks.harness import console, save_json
+from benchmarks.harness import benchmark_parser, console, exit_code, save_json
 from zmp_sqp.commands.paper import paper_result
 from zmp_sqp.paper.tables import (
     comparison_sheet,
@@ -32,11 +31,11 @@ from zmp_sqp.paper.tables import (
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results" / "paper.json"
 BEGIN, END = "<!-- made by python -m benchmarks.paper --readme -->", "<!-- end -->"
-ASKED = 60  # [F] for the simplified model from cold
+ASKED = 60  # [F] most that a cold call with the simplified model may take
 
 
 def readme_tables(result: Mapping[str, Any]) -> str:
-    """What stands between the marks in README.md."""
+    """Text of README.md from the first mark to the last."""
     found = (
         comparison_sheet(result["tests"]),
         driving_sheet(result["driving"]),
@@ -46,7 +45,7 @@ def readme_tables(result: Mapping[str, Any]) -> str:
 
 
 def update_readme(text: str, result: Mapping[str, Any]) -> str:
-    """The README with its tables made anew."""
+    """Text of README.md with new tables."""
     pattern = re.compile(f"{re.escape(BEGIN)}.*?{re.escape(END)}", re.DOTALL)
     if len(pattern.findall(text)) != 1:
         raise SystemExit(f"README.md must hold {BEGIN} ... {END} once")
@@ -54,16 +53,10 @@ def update_readme(text: str, result: Mapping[str, Any]) -> str:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = benchmark_parser(__doc__)
     parser.add_argument(
-        "--repeats",
-        type=int,
-        default=7,
-        help="plans per time, of which the median counts (default 7)",
+        "--repeats", type=int, default=7, help="plans per time, of which the median counts"
     )
-    parser.add_argument("--json", type=Path, help="write the numbers here")
     parser.add_argument(
         "--readme",
         action="store_true",
@@ -92,7 +85,7 @@ def main() -> int:
         console.print(failure, style="bold red")
     if options.json is not None:
         save_json(options.json, result)
-    return 1 if result["failures"] else 0
+    return exit_code(success=not result["failures"])
 
 
 if __name__ == "__main__":

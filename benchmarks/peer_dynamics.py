@@ -1,7 +1,7 @@
-"""Ground reaction wrench of a machine in CasADi, from the bare numbers of its URDF: Newton and Euler, body by body.
+"""Ground reaction wrench of a machine in CasADi, by the Newton-Euler equations of each body.
 
-Nothing of the library and nothing of Pinocchio is used, so that neither can lend the peer its
-mistakes.
+The numbers come from the URDF. Neither the library nor Pinocchio takes part, so that a mistake in
+them shows up as a disagreement.
 """
 
 from __future__ import annotations
@@ -14,30 +14,32 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from tests.problems import Scene
+from benchmarks.problems.scene import Scene
 
 __all__ = ["Body", "read_bodies", "wrench_function"]
 
 Array = np.ndarray
+# of a link, in root axes: rotation matrix, origin p, angular velocity and acceleration, p'' - g
+Frame = tuple[Any, Any, Any, Any, Any]
 
 
 @dataclass(frozen=True)
 class Body:
-    """One link, with the joint that hangs it on its parent."""
+    """A link, with the joint to its parent."""
 
     name: str
     parent: str | None  # None: the root
-    joint: str | None  # name of a joint that moves; None: fixed
-    origin: Array  # of the joint in the parent's frame (3,) [m]
-    rotation: Array  # link axes in the parent's at q = 0 (3, 3)
-    axis: Array  # of the joint in the link's frame (3,)
+    joint: str | None  # name of the revolute joint to the parent; None: fixed
+    origin: Array  # of the joint, in the parent's frame (3,) [m]
+    rotation: Array  # from the link's axes to the parent's at q = 0 (3, 3)
+    axis: Array  # of the joint, in the link's frame (3,)
     mass: float  # [kg]
-    com: Array  # in the link's frame (3,) [m]
-    inertia: Array  # about the com, link axes (3, 3) [kg m^2]
+    com: Array  # centre of mass, in the link's frame (3,) [m]
+    inertia: Array  # about the centre of mass, link axes (3, 3) [kg m^2]
 
 
 def read_bodies(urdf: Path) -> list[Body]:
-    """Links of a URDF with revolute and fixed joints, parents first, in the order of the file."""
+    """Links of a URDF in the order of the file, parents first; joints are revolute or fixed."""
     robot = ET.parse(urdf).getroot()
     joints = {joint.find("child").get("link"): joint for joint in robot.findall("joint")}  # type: ignore[union-attr]
     bodies = []
@@ -61,14 +63,14 @@ def read_bodies(urdf: Path) -> list[Body]:
         xx, xy, xz, yy, yz, zz = (
             float(entries.get(key)) for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
         )
-        place = None if joint is None else joint.find("origin")
+        joint_frame = None if joint is None else joint.find("origin")
         bodies.append(
             Body(
                 name=str(link.get("name")),
                 parent=parent,
                 joint=name,
-                origin=_vector(place, "xyz"),
-                rotation=_rotation(_vector(place, "rpy")),
+                origin=_vector(joint_frame, "xyz"),
+                rotation=_rotation(_vector(joint_frame, "rpy")),
                 axis=axis,
                 mass=float(inertial.find("mass").get("value")),
                 com=_vector(inertial.find("origin"), "xyz"),
@@ -79,59 +81,67 @@ def read_bodies(urdf: Path) -> list[Body]:
 
 
 def wrench_function(scene: Scene) -> ca.Function:
-    r"""Ground reaction wrench about the root origin, root axes, as a function of (q, v, a, gravity, payload's mass).
+    r"""Ground reaction wrench about the root origin, root axes.
 
     .. math:: f = \sum m_i (\ddot c_i - g), \quad
-              \tau = \sum c_i \times m_i (\ddot c_i - g) + I_i \dot\omega_i + \omega_i \times I_i
-              \omega_i
+              \tau = \sum c_i \times m_i (\ddot c_i - g)
+                      + I_i \dot\omega_i + \omega_i \times I_i \omega_i
 
-    The payload's place and shape are the scene's tree; its inertia goes with its mass.
+    Returns:
+        Function of q, v, a, gravity in root axes and the mass of the payload. The payload is where
+        the scene's tree is; its inertia is proportional to its mass.
     """
     bodies = read_bodies(scene.urdf)
     moving = [body.joint for body in bodies if body.joint is not None]
     q, v, a = (ca.SX.sym(name, len(moving)) for name in "qva")
     gravity, load = ca.SX.sym("gravity", 3), ca.SX.sym("load")
     force, moment = ca.SX.zeros(3), ca.SX.zeros(3)
-    frames: dict[str, Any] = {}
+    frames: dict[str, Frame] = {}
     for body in bodies:
         if body.parent is None:
-            R, place, spin, spin_rate, push = (
-                ca.SX.eye(3),
-                ca.SX.zeros(3),
-                ca.SX.zeros(3),
-                ca.SX.zeros(3),
-                -gravity,
-            )
+            zero = ca.SX.zeros(3)
+            frame = ca.SX.eye(3), zero, zero, zero, -gravity
         else:
-            R, place, spin, spin_rate, push = frames[body.parent]
-            arm = R @ body.origin
-            place, push = (
-                place + arm,
-                push + ca.cross(spin_rate, arm) + ca.cross(spin, ca.cross(spin, arm)),
-            )
-            R = R @ body.rotation
-            if body.joint is not None:
-                i = moving.index(body.joint)
-                axis = R @ body.axis
-                spin_rate = spin_rate + axis * a[i] + ca.cross(spin, axis * v[i])
-                spin = spin + axis * v[i]
-                cross = ca.skew(body.axis)
-                R = R @ (ca.DM.eye(3) + ca.sin(q[i]) * cross + (1.0 - ca.cos(q[i])) * cross @ cross)
-        frames[body.name] = R, place, spin, spin_rate, push
+            i = None if body.joint is None else moving.index(body.joint)
+            joint = None if i is None else (q[i], v[i], a[i])
+            frame = _link_frame(frames[body.parent], body, joint)
+        frames[body.name] = frame
+        R, origin, omega, omega_rate, acceleration = frame
         parts = [(body.mass, body.com, body.inertia)]
         if scene.tree is not None and scene.tree.frame == body.name:
-            parts.append(
-                (load, np.array(scene.tree.com), load * (scene.tree.inertia / scene.tree.mass))
-            )
+            tree = scene.tree
+            parts.append((load, np.array(tree.com), load * (tree.inertia / tree.mass)))
         for mass, com, inertia in parts:
             arm = R @ com
-            pull = mass * (push + ca.cross(spin_rate, arm) + ca.cross(spin, ca.cross(spin, arm)))
+            push = mass * (acceleration + _relative_acceleration(omega, omega_rate, arm))
             turned = R @ inertia @ R.T
-            force += pull
+            force += push
             moment += (
-                ca.cross(place + arm, pull) + turned @ spin_rate + ca.cross(spin, turned @ spin)
+                ca.cross(origin + arm, push) + turned @ omega_rate + ca.cross(omega, turned @ omega)
             )
     return ca.Function("wrench", [q, v, a, gravity, load], [ca.vertcat(force, moment)])
+
+
+def _link_frame(parent: Frame, body: Body, joint: tuple[Any, Any, Any] | None) -> Frame:
+    """Motion of a link: that of its parent, then that of its joint's (q, v, a), None if fixed."""
+    R, origin, omega, omega_rate, acceleration = parent
+    arm = R @ body.origin
+    origin = origin + arm
+    acceleration = acceleration + _relative_acceleration(omega, omega_rate, arm)
+    R = R @ body.rotation
+    if joint is not None:
+        angle, rate, joint_acceleration = joint
+        axis = R @ body.axis
+        omega_rate = omega_rate + axis * joint_acceleration + ca.cross(omega, axis * rate)
+        omega = omega + axis * rate
+        cross = ca.skew(body.axis)
+        R = R @ (ca.DM.eye(3) + ca.sin(angle) * cross + (1.0 - ca.cos(angle)) * cross @ cross)
+    return R, origin, omega, omega_rate, acceleration
+
+
+def _relative_acceleration(omega: Any, omega_rate: Any, arm: Any) -> Any:
+    """Acceleration of a point of a turning body relative to the body's origin, at that arm."""
+    return ca.cross(omega_rate, arm) + ca.cross(omega, ca.cross(omega, arm))
 
 
 def _vector(element: ET.Element | None, key: str) -> Array:
@@ -144,7 +154,7 @@ def _vector(element: ET.Element | None, key: str) -> Array:
 
 
 def _rotation(rpy: Array) -> Array:
-    """R_z(yaw) R_y(pitch) R_x(roll), as URDF has it."""
+    """Rotation matrix R_z(yaw) R_y(pitch) R_x(roll) of URDF's roll, pitch and yaw."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
     about_x = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
     about_y = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])

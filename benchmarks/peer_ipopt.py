@@ -1,49 +1,58 @@
-"""Our planner beside CasADi and IPOPT on the same seeded problems: who solves what, how fast the motions are.
+"""The planner beside CasADi and IPOPT on the same problems: who solves what, how fast motions are.
 
-    python -m benchmarks.peer_ipopt [--count 20] [--first 0] [--log FILE.jsonl] [--json FILE]
+    python -m benchmarks.peer_ipopt [--count 20] [--first 0] [--log FILE.jsonl]
+                                    [--replan FILE.jsonl] [--seconds 60] [--json FILE]
 
-Needs casadi. Both get the same question (benchmarks/peer_problems.py): N = 50, constant
-accelerations per interval, rows of the wrench at the same points; IPOPT keeps no guard from any
-edge. Its transcription and its dynamics are its own (peer_transcription.py, peer_dynamics.py). It
-starts from the planner's own initial guess, then, where that fails, from the same motion at half
-the pace, then from one by way of the folded arm.
+Needs casadi. The problems are those of benchmarks/peer_problems.py, on a grid of 50 intervals. For
+IPOPT they are transcribed independently (peer_transcription.py, peer_dynamics.py), with constant
+accelerations on each interval and the wrench rows at the points where the planner has them. IPOPT
+starts from the planner's initial guess. If that fails, it starts from the same motion at half the
+speed, and then from one that draws the arm in on the way.
 
-A motion counts as solved if an independent check (tests/checks.py) of it, integrated anew, finds no
-violation of 1e-6 at those points; ours must be certified for all t besides. The planner lets
-accelerations run linearly within the intervals where the ZMP costs time; `constant` is what it had
-before.
+A problem counts as solved if an independent check (benchmarks/problems/checks.py) of the motion
+finds no violation of 1e-6 at those points. The planner's motion has to be certified for all t
+besides. Where the ZMP costs time, the planner lets accelerations be linear in time within an
+interval; `constant` is its duration before that, with constant accelerations as IPOPT has them.
 
-With --log every problem is a line of that file; problems already there are not solved again. The
-exit code is 1 where IPOPT has solved a problem and the planner has not, or is slower by more than
-0.1 %.
+With --log every problem becomes a line of that file, and problems already there are not solved
+again. The exit code is 1 where IPOPT has solved a problem and the planner has not, or where the
+planner's motion is slower by more than 0.1 %.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
-import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from unittest import mock
 
 import numpy as np
 
 import zmp_sqp as zs
-from benchmarks.harness import console, distribution, print_table, save_json
+from benchmarks.harness import (
+    Row,
+    benchmark_parser,
+    console,
+    distribution,
+    exit_code,
+    print_table,
+    save_json,
+    seeds,
+    timed_plan,
+)
 from benchmarks.peer_problems import peer_problem
 from benchmarks.peer_transcription import Peer, PeerMotion, by_way_of
-from tests.checks import check_feasibility
-from tests.problems import NamedProblem
+from benchmarks.problems.checks import check_feasibility
+from benchmarks.problems.scene import NamedProblem
 from zmp_sqp.planning.search import planner
 
 __all__ = ["ours", "peered", "planned"]
 
-TOLERANCE = 1e-6  # [m, rad, per second ...] largest violation of a solved problem
-SLOWER = 1e-3  # relative: what the planner's motions may be slower by
-FOLDED = {"boom": 0.0, "stick": -2.8, "tilt": 1.2}  # [rad] the arm drawn in
+TOLERANCE = 1e-6  # [m, rad, rad/s, rad/s^2] largest violation of a solved problem
+SLOWER = 1e-3  # relative: a planner's motion slower by more is a failure
+FOLDED = {"boom": 0.0, "stick": -2.8, "tilt": 1.2}  # [rad] positions of an arm drawn in
 CONVERGED = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 SHOWN = (
     "status",
@@ -57,31 +66,36 @@ SHOWN = (
     "ipopt_seconds",
     "guess",
 )
-PEER_KEYS = ("guess", "ipopt_")
+PEER_KEYS = ("guess", "ipopt_")  # first letters of the columns that IPOPT fills
 
 
-def ours(named: NamedProblem) -> tuple[zs.Plan, PeerMotion, list[tuple[str, int, float]], float]:
-    """Plan, initial guess, (status, iterations, duration) of every SQP run behind it, processor seconds."""
+class SqpRun(NamedTuple):
+    """One of the SQP runs that make a plan."""
+
+    status: str
+    iterations: int
+    duration: float  # [s]
+
+
+def ours(named: NamedProblem) -> tuple[zs.Plan, Row, PeerMotion, list[SqpRun]]:
+    """Plan, its columns, the initial guess, and the SQP runs that made the plan."""
     minimize, runs, guesses = planner.SQP.minimize, [], []
 
     def recorded(sqp: Any, nlp: Any, x: np.ndarray) -> Any:
         q, w, controls, S = nlp.unpack(x)
         guesses.append(PeerMotion(q, w / np.sqrt(S), controls[:, 0] / S, float(np.sqrt(S))))
         result = minimize(sqp, nlp, x)
-        runs.append(
-            (result.status.name, len(result.history), float(np.sqrt(nlp.unpack(result.x)[3])))
-        )
+        duration = float(np.sqrt(nlp.unpack(result.x)[3]))
+        runs.append(SqpRun(result.status.name, len(result.history), duration))
         return result
 
     with mock.patch.object(planner.SQP, "minimize", recorded):
-        started = time.process_time()
-        plan = zs.plan(named.problem)
-        elapsed = time.process_time() - started
-    return plan, guesses[0], runs, elapsed
+        plan, row = timed_plan(named.problem)
+    return plan, row, guesses[0], runs
 
 
 def guesses(named: NamedProblem, first: PeerMotion) -> list[tuple[str, PeerMotion]]:
-    """Where IPOPT may start, one after the other."""
+    """Guesses from which IPOPT starts, one after the other until it succeeds."""
     slower = PeerMotion(first.q, 0.5 * first.v, 0.25 * first.a, 2.0 * first.duration)
     folded = 0.5 * (named.problem.start + named.problem.goal)
     for joint, angle in FOLDED.items():
@@ -93,29 +107,24 @@ def guesses(named: NamedProblem, first: PeerMotion) -> list[tuple[str, PeerMotio
     ]
 
 
-def planned(named: NamedProblem) -> tuple[dict[str, Any], PeerMotion]:
-    """The planner's share of a row, ready for JSON, and its initial guess."""
-    plan, first, runs, elapsed = ours(named)
+def planned(named: NamedProblem) -> tuple[Row, PeerMotion]:
+    """The planner's columns of a row, and its initial guess."""
+    plan, row, first, runs = ours(named)
     violation = np.inf
     if plan.attempt is not None:
         violation = check_feasibility(named.scene, named.problem, plan.attempt).violation
-    row = {
+    row |= {
         "solved": bool(plan.success and violation < TOLERANCE),
-        "status": plan.status.name,
-        "duration": plan.duration,
-        "lower_bound": plan.lower_bound,
-        "constant": runs[0][2],
+        "constant": runs[0].duration,
         "runs": runs,
-        "iterations": plan.iterations,
-        "seconds": round(elapsed, 4),
         "violation": float(f"{violation:.3g}"),
     }
     return row, first
 
 
-def peered(named: NamedProblem, peer: Peer, first: PeerMotion) -> dict[str, Any]:
-    """IPOPT's share of a row, ready for JSON: of the guess that led it to a solution, or of the last one."""
-    row: dict[str, Any] = {"ipopt_seconds": 0.0, "ipopt_iterations": 0}
+def peered(named: NamedProblem, peer: Peer, first: PeerMotion) -> Row:
+    """IPOPT's columns of a row: from the guess that led to a solution, otherwise from the last."""
+    row: Row = {"ipopt_seconds": 0.0, "ipopt_iterations": 0}
     for name, guess in guesses(named, first):
         answer = peer.solve(named, guess)
         found = check_feasibility(
@@ -137,10 +146,10 @@ def peered(named: NamedProblem, peer: Peer, first: PeerMotion) -> dict[str, Any]
     return row
 
 
-def report(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Print the tables; the numbers in them."""
+def counted(rows: Sequence[Row]) -> dict[str, int]:
+    """How many problems each of the two solves, and who is faster."""
     both = [row for row in rows if row["solved"] and row["ipopt_solved"]]
-    counts = {
+    return {
         "problems": len(rows),
         "solved by both": len(both),
         "by the planner alone": sum(row["solved"] and not row["ipopt_solved"] for row in rows),
@@ -159,10 +168,14 @@ def report(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
             row["runs"][0][0] != "BOUND_REACHED" for row in both
         ),
     }
-    print_table("problems", ("", "count"), [(name, str(count)) for name, count in counts.items()])
-    spread = {
+
+
+def spread(rows: Sequence[Row]) -> dict[str, dict[str, float]]:
+    """Distributions of durations, iterations and times."""
+    both = [row for row in rows if row["solved"] and row["ipopt_solved"]]
+    values = {
         "duration over IPOPT's": [row["duration"] / row["ipopt_duration"] for row in both],
-        "likewise, accelerations constant": [
+        "constant accelerations, over IPOPT's": [
             row["constant"] / row["ipopt_duration"] for row in both
         ],
         "iterations": [row["iterations"] for row in rows],
@@ -170,18 +183,19 @@ def report(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
         "time in s": [row["seconds"] for row in rows],
         "IPOPT's time in s": [row["ipopt_seconds"] for row in rows],
     }
-    table = {name: distribution(values) for name, values in spread.items() if values}
+    return {name: distribution(numbers) for name, numbers in values.items() if numbers}
+
+
+def report(rows: Sequence[Row]) -> dict[str, Any]:
+    """Print the tables and return their numbers."""
+    counts, table, bad = counted(rows), spread(rows), failures(rows)
+    print_table("problems", ("", "count"), [(name, str(count)) for name, count in counts.items()])
     if table:
-        columns = ("", *next(iter(table.values())))
         shown = [
-            (
-                name,
-                *(f"{v:.5f}" if "over" in name or "likewise" in name else v for v in of.values()),
-            )
+            (name, *(f"{value:.5f}" if " over " in name else value for value in of.values()))
             for name, of in table.items()
         ]
-        print_table("distribution", columns, shown)
-    bad = failures(rows)
+        print_table("distribution", ("", *next(iter(table.values()))), shown)
     print_table(
         "to look into",
         ("seed", *SHOWN),
@@ -190,8 +204,8 @@ def report(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     return {"counts": counts, "distributions": table, "to look into": [row["seed"] for row in bad]}
 
 
-def failures(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    """Problems that IPOPT has solved and the planner has not, or not as fast."""
+def failures(rows: Sequence[Row]) -> list[Row]:
+    """Problems that IPOPT has solved, and the planner has not, or with a slower motion."""
     return [
         row
         for row in rows
@@ -200,14 +214,52 @@ def failures(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
     ]
 
 
+def read_log(log: Path | None) -> dict[int, Row]:
+    """Rows of a log by seed; none if there is no such file."""
+    if log is None or not log.exists():
+        return {}
+    rows = map(json.loads, log.read_text(encoding="utf-8").splitlines())
+    return {row["seed"]: row for row in rows}
+
+
+def to_replan(log: Path | None, again: Path) -> dict[int, Row]:
+    """IPOPT's columns of a log, and complete rows of problems that were planned again already."""
+    done = {
+        seed: {"seed": seed} | {key: row[key] for key in row if key.startswith(PEER_KEYS)}
+        for seed, row in read_log(log).items()
+    }
+    return done | read_log(again)
+
+
+def complete(done: dict[int, Row], seeds: Iterable[int], log: Path | None, limit: float) -> None:
+    """Solve what is missing in the rows `done`, and append completed rows to the log.
+
+    Args:
+        done: Rows by seed, to be completed.
+        seeds: Of the problems.
+        log: File, or None.
+        limit: Processor time of each of IPOPT's runs [s].
+    """
+    peer = None  # built when needed: ten seconds
+    for seed in seeds:
+        row = done.setdefault(seed, {"seed": seed})
+        if "status" in row:
+            continue
+        named = peer_problem(seed)
+        planners, first = planned(named)
+        if "ipopt_status" not in row:
+            peer = peer or Peer(named.scene, seconds=limit)
+            row |= peered(named, peer, first)
+        row |= planners
+        if failures([row]):
+            console.print(f"seed {seed}: {row}", style="bold", markup=False)
+        if log is not None:
+            with log.open("a", encoding="utf-8") as file:
+                file.write(json.dumps(row) + "\n")
+
+
 def main() -> int:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument(
-        "--count", type=int, default=20, help="how many problems: seeds 0, 1, ... (default 20)"
-    )
-    parser.add_argument("--first", type=int, default=0, help="first seed")
+    parser = benchmark_parser(__doc__, count=20)
     parser.add_argument(
         "--seconds", type=float, default=60.0, help="processor time of each of IPOPT's runs"
     )
@@ -217,55 +269,19 @@ def main() -> int:
     parser.add_argument(
         "--replan",
         type=Path,
-        help="plan the log's problems anew into this file; IPOPT's answers stay",
-    )
-    parser.add_argument(
-        "--json", type=Path, help="write the summary and every problem's numbers here"
+        help="plan the problems of the log again into this file; IPOPT's answers are kept",
     )
     options = parser.parse_args()
-    seeds = range(options.first, options.first + options.count)
-    done: dict[int, dict[str, Any]] = {}
-    if options.log is not None and options.log.exists():
-        done = {
-            row["seed"]: row
-            for row in map(json.loads, options.log.read_text(encoding="utf-8").splitlines())
-        }
+    numbers, log, done = seeds(options), options.log, read_log(options.log)
     if options.replan is not None:
-        done = {
-            seed: {"seed": seed} | {key: row[key] for key in row if key.startswith(PEER_KEYS)}
-            for seed, row in done.items()
-        }
-        options.log = options.replan
-        if options.log.exists():
-            again = map(json.loads, options.log.read_text(encoding="utf-8").splitlines())
-            done |= {row["seed"]: row for row in again}
-        seeds = sorted(set(seeds) & set(done))
-    peer = None
-    for seed in seeds:
-        row = done.setdefault(seed, {"seed": seed})
-        if "status" in row:
-            continue
-        named = peer_problem(seed)
-        of_ours, first = planned(named)
-        if "ipopt_status" not in row:
-            peer = peer or Peer(named.scene, seconds=options.seconds)
-            row |= peered(named, peer, first)
-        row |= of_ours
-        if failures([row]):
-            console.print(f"[bold]seed {seed}[/bold]: {row}")
-        if options.log is not None:
-            with options.log.open("a", encoding="utf-8") as log:
-                log.write(json.dumps(row) + "\n")
-    rows = [done[seed] for seed in seeds]
+        log, done = options.replan, to_replan(options.log, options.replan)
+        numbers = sorted(set(numbers) & set(done))
+    complete(done, numbers, log, options.seconds)
+    rows = [done[seed] for seed in numbers]
     summary = report(rows)
     if options.json is not None:
-        keys = ("seed", *SHOWN)
-        table = [
-            [round(row[key], 7) if isinstance(row[key], float) else row[key] for key in keys]
-            for row in rows
-        ]
-        save_json(options.json, {**summary, "columns": keys}, rows=table)
-    return 1 if failures(rows) else 0
+        save_json(options.json, summary, rows=rows, columns=("seed", *SHOWN), digits=7)
+    return exit_code(success=not failures(rows))
 
 
 if __name__ == "__main__":

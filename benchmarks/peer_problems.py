@@ -1,4 +1,4 @@
-"""The problems on which the peer and the planner meet: seeded, rest to rest, harder than those of tests/problems.py."""
+"""Seeded random problems for the comparison with IPOPT, harder than those of `problems.arm`."""
 
 from __future__ import annotations
 
@@ -6,36 +6,35 @@ from typing import Any
 
 import numpy as np
 
-import zmp_sqp as zs
-from tests.problems import FOOTPRINT, TRIES, NamedProblem, Scene, Tree
+from benchmarks.problems.scene import FOOTPRINT, NamedProblem, Scene, Tree, standing_poses
 
 __all__ = ["peer_problem"]
 
-SLOPE = np.deg2rad(30.0)  # largest roll and pitch, each way
-LOADS = (1000.0, 2000.0), 6000.0  # [kg] least of even and of odd seeds, largest
-# [m] static stability margin of start and goal: least, largest of even and of odd seeds
-ROOM = 0.02, (np.inf, 0.30)
+STEEPEST = np.deg2rad(30.0)  # largest roll and pitch, in either direction
+LIGHTEST = (1000.0, 2000.0)  # [kg] least payload of even and of odd seeds
+HEAVIEST = 6000.0  # [kg]
+LEAST_MARGIN = 0.02  # [m] stability margin at rest, at start and goal
+LARGEST_MARGIN = (np.inf, 0.30)  # [m] of even and of odd seeds
 
 
 def peer_problem(seed: int, **options: Any) -> NamedProblem:
-    """Two poses that stand by themselves, uniform within the joint limits, the slew over its two full turns.
+    """Problem from rest to rest between two random poses; options are those of `zs.Problem`.
 
-    Even seeds take any two; odd ones take two near the edge, where the ZMP nearly always costs
-    time.
+    Poses are uniform within the joint limits; the slew joint's limits are two turns apart. Start
+    and goal of odd seeds are close to tipping over, so that the ZMP nearly always costs time.
     """
-    rng, kind = np.random.default_rng([2021, seed]), seed % 2
+    rng, odd = np.random.default_rng([2021, seed]), seed % 2
     while True:
-        roll, pitch = rng.uniform(-SLOPE, SLOPE, 2)
-        tree = Tree(rng.uniform(LOADS[0][kind], LOADS[1]))
+        roll, pitch = rng.uniform(-STEEPEST, STEEPEST, 2)
+        tree = Tree(rng.uniform(LIGHTEST[odd], HEAVIEST))
         scene = Scene("feller_buncher", FOOTPRINT, tree, roll=roll, pitch=pitch)
-        machine = scene.load()
-        poses = rng.uniform(
-            machine.limits.position_lower, machine.limits.position_upper, (TRIES, machine.size)
+        limits = scene.load().limits
+        standing = standing_poses(
+            rng,
+            scene,
+            (limits.position_lower, limits.position_upper),
+            (LEAST_MARGIN, LARGEST_MARGIN[odd]),
         )
-        still = np.zeros_like(poses)
-        margins = zs.stability_margin(machine, poses, still, still, scene.ground)
-        standing = poses[(margins >= ROOM[0]) & (margins <= ROOM[1][kind])]
         if len(standing) >= 2:
-            return NamedProblem(
-                f"peer_{seed}", scene, scene.problem(*standing[:2], **options), None
-            )
+            problem = scene.problem(*standing[:2], **options)
+            return NamedProblem(f"peer_{seed}", scene, problem, None)

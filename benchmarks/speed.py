@@ -1,35 +1,64 @@
-"""How long planning takes, in F: 100 calls of pin.computeRNEADerivatives on the same model in the same process.
+"""How long planning takes, in F: 100 calls of `pin.computeRNEADerivatives` on the same model.
 
     python -m benchmarks.speed [--repeats 15] [--json FILE]
 
-F is the project's measure of speed: times depend on the computer, ratios hold. Both are processor
-time, which other programs on the same computer disturb less; wall time stands beside it and is the
-same on an idle one. Every call is cold: no motion, multiplier or workspace of an earlier call is
-used. "In a new process" is a call that has imported nothing before, so that it loads Pinocchio and
-the QP solver on the way; all other rows are medians of many calls.
+F is the project's unit of speed: seconds depend on the computer, times in F much less. Both are
+processor times, which other programs disturb less; on an idle computer wall times are equal. Every
+call is cold: it reuses no motion, multipliers or workspace of an earlier call. "In a new process"
+is a call before which nothing was imported, so that it has to load Pinocchio and the QP solver; all
+other rows are medians of many calls. The exit code is 1 where a scenario takes longer than asked.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import subprocess
 import sys
-import time
-from pathlib import Path
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
 from typing import Any
+from unittest import mock
 
 import numpy as np
 
 import zmp_sqp as zs
-from benchmarks.harness import console, measure_F, print_table, save_json
-from tests.problems import NamedProblem, paper_1, random_problem
+from benchmarks.harness import (
+    Row,
+    benchmark_parser,
+    console,
+    exit_code,
+    measure_F,
+    print_table,
+    save_json,
+    timed,
+)
+from benchmarks.problems.arm import random_problem
+from benchmarks.problems.paper import paper_1
 from zmp_sqp.planning.search import planner
 from zmp_sqp.scenario import load_scenario
 
 BACKENDS = ("proxqp", "piqp", "qpsolvers:piqp", "qpsolvers:daqp", "qpsolvers:clarabel")
-# F that the project asks for with the default QP solver, by scenario
+SLOWED_BY_TIPPING = (29, 121)  # seeds of ORDINARY whose duration is above the joints' lower bound
+# [F] most that a scenario may take with the default QP solver
 ASKED = {"paper_1": 100.0, "paper_1_simplified": 60.0, "retreat": 300.0}
+PHASES = {  # functions of the planner by the phase they make up
+    "initial guess": (planner, "initial_guess"),
+    "transcription": (planner, "Transcription"),
+    "certificate": (planner, "certify_for"),
+    "SQP": (planner.SQP, "minimize"),
+}
+COLUMNS = (
+    "problem",
+    "QP solver",
+    "status",
+    "iterations",
+    "T [s]",
+    "median [F]",
+    "min [F]",
+    "max [F]",
+    "wall [ms]",
+    "F [ms]",
+)
 FIRST = """
 import json, time
 started = time.perf_counter()
@@ -45,7 +74,7 @@ print(json.dumps([imported - started, loaded - imported, planned - loaded]))
 
 
 def first_call() -> dict[str, float]:
-    """Seconds of importing, loading and the first plan, in a process of its own."""
+    """Wall time of importing, loading and planning in a new process, which has to load all [s]."""
     answer = subprocess.run(
         [sys.executable, "-c", FIRST], capture_output=True, check=True, text=True
     )
@@ -55,109 +84,96 @@ def first_call() -> dict[str, float]:
 
 
 def calls(problem: zs.Problem, qp_solver: str, repeats: int) -> tuple[np.ndarray, zs.Plan]:
-    """Processor seconds, wall seconds and F of each call after the first, shape (repeats, 3), and the last plan.
+    """Times of every call after the first, and the last plan.
 
-    F is measured right before and right after each call, because it changes with what else the
-    computer does.
+    F is measured right before and right after each call, because it varies with the load of the
+    computer.
+
+    Returns:
+        Processor time, wall time and F of each call, shape (repeats, 3) [s], and the plan.
     """
     plan, rows = zs.plan(problem, qp_solver=qp_solver), []
     F = measure_F(problem.machine, repeats=9)
     for _ in range(repeats):
-        started = time.process_time(), time.perf_counter()
-        plan = zs.plan(problem, qp_solver=qp_solver)
-        elapsed = time.process_time() - started[0], time.perf_counter() - started[1]
+        plan, took = timed(lambda: zs.plan(problem, qp_solver=qp_solver))
         before, F = F, measure_F(problem.machine, repeats=9)
-        rows.append((*elapsed, 0.5 * (before + F)))
+        rows.append((*took, 0.5 * (before + F)))
     return np.array(rows), plan
 
 
-def phases(problem: zs.Problem, repeats: int) -> dict[str, float]:
-    """Median processor seconds of a plan by what it does; the names of the planner's own parts, timed from outside."""
-    parts = {
-        "initial guess": "initial_guess",
-        "transcription": "Transcription",
-        "certificate": "certify_for",
-    }
-    samples: dict[str, list[float]] = {name: [] for name in (*parts, "SQP", "rest")}
-    originals = {attribute: getattr(planner, attribute) for attribute in parts.values()}
-    spent: dict[str, float] = {}
+@contextmanager
+def phase_times() -> Iterator[dict[str, float]]:
+    """Processor time spent in each of `PHASES` while plans are made inside the context [s].
 
-    def timed(name: str, function: Any) -> Any:
+    The functions of the planner are replaced by ones that measure, and put back afterwards.
+    """
+    spent = dict.fromkeys(PHASES, 0.0)
+
+    def measuring(name: str, function: Any) -> Any:
         def call(*given: Any, **named: Any) -> Any:
-            started = time.process_time()
-            found = function(*given, **named)
-            spent[name] = spent.get(name, 0.0) + time.process_time() - started
-            return found
+            result, took = timed(lambda: function(*given, **named))
+            spent[name] += took.processor
+            return result
 
         return call
 
-    minimize = planner.SQP.minimize
-    try:
-        for name, attribute in parts.items():
-            setattr(planner, attribute, timed(name, originals[attribute]))
-        planner.SQP.minimize = timed("SQP", minimize)  # type: ignore[method-assign]
-        for _ in range(repeats):
-            spent.clear()
-            started = time.process_time()
-            zs.plan(problem)
-            elapsed = time.process_time() - started
-            for name in samples:
-                samples[name].append(
-                    spent.get(name, elapsed - sum(spent.values()) if name == "rest" else 0.0)
-                )
-    finally:
-        for attribute, original in originals.items():
-            setattr(planner, attribute, original)
-        planner.SQP.minimize = minimize  # type: ignore[method-assign]
+    with ExitStack() as stack:
+        for name, (owner, attribute) in PHASES.items():
+            replacement = measuring(name, getattr(owner, attribute))
+            stack.enter_context(mock.patch.object(owner, attribute, replacement))
+        yield spent
+
+
+def phases(problem: zs.Problem, repeats: int) -> dict[str, float]:
+    """Processor time of a plan by phase, medians [s]."""
+    samples: dict[str, list[float]] = {name: [] for name in (*PHASES, "rest")}
+    for _ in range(repeats):
+        with phase_times() as spent:
+            _, took = timed(lambda: zs.plan(problem))
+        for name, seconds in {**spent, "rest": took.processor - sum(spent.values())}.items():
+            samples[name].append(seconds)
     return {name: float(np.median(times)) for name, times in samples.items()}
 
 
-def problems() -> list[NamedProblem]:
-    """The paper's test, and random ones in which the ZMP costs time."""
-    return [paper_1(), paper_1(point_masses=False), *(random_problem(seed) for seed in (29, 121))]
-
-
-def main() -> int:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--repeats", type=int, default=15, help="calls per row (default 15)")
-    parser.add_argument("--json", type=Path, help="write the results here")
-    options = parser.parse_args()
-
-    first = first_call()
-    rows: list[list[Any]] = []
-    found: dict[str, float] = {}
-    for name in ASKED:
-        times, plan = calls(load_scenario(name).problem, "proxqp", 2 * options.repeats)
+def scenarios_in_F(repeats: int) -> dict[str, float]:
+    """Time of a plan of each scenario in `ASKED`, medians [F]."""
+    found = {}
+    for name, asked in ASKED.items():
+        times, plan = calls(load_scenario(name).problem, "proxqp", repeats)
         found[name] = float(np.median(times[:, 0] / times[:, 2]))
         console.print(
-            f"{name}: {found[name]:.1f} F, {plan.iterations} iterations, asked for {ASKED[name]:.0f} F"
+            f"{name}: {found[name]:.1f} F, {plan.iterations} iterations, asked for {asked:.0f} F"
         )
-    for named in problems():
-        for qp_solver in BACKENDS:
-            times, plan = calls(named.problem, qp_solver, options.repeats)
-            in_F, (_, wall, F) = times[:, 0] / times[:, 2], 1e3 * np.median(times, axis=0)
-            rows.append(
-                [
-                    named.name,
-                    qp_solver,
-                    plan.status.name,
-                    plan.iterations,
-                    round(plan.duration, 6),
-                    *(
-                        round(float(value), 1)
-                        for value in (np.median(in_F), in_F.min(), in_F.max(), wall)
-                    ),
-                    round(float(F), 4),
-                ]
-            )
-    split = phases(paper_1().problem, options.repeats)
-    F = measure_F(paper_1().problem.machine)
+    return found
 
-    measured = ("median [F]", "min [F]", "max [F]", "wall [ms]", "F [ms]")
-    columns = ("problem", "QP solver", "status", "iterations", "T [s]", *measured)
-    print_table("cold calls", columns, rows)
+
+def backend_rows(repeats: int) -> list[Row]:
+    """Times of each QP solver on test 1 of the paper, and on random problems that tipping slows."""
+    problems = [
+        paper_1(),
+        paper_1(point_masses=False),
+        *(random_problem(seed) for seed in SLOWED_BY_TIPPING),
+    ]
+    rows = []
+    for named in problems:
+        for qp_solver in BACKENDS:
+            times, plan = calls(named.problem, qp_solver, repeats)
+            in_F, (_, wall, F) = times[:, 0] / times[:, 2], 1e3 * np.median(times, axis=0)
+            measured = (np.median(in_F), in_F.min(), in_F.max(), wall)
+            row = [
+                named.name,
+                qp_solver,
+                plan.status.name,
+                plan.iterations,
+                round(plan.duration, 6),
+            ]
+            row += [*(round(float(value), 1) for value in measured), round(float(F), 4)]
+            rows.append(dict(zip(COLUMNS, row, strict=True)))
+    return rows
+
+
+def print_phases(split: Mapping[str, float], F: float) -> None:
+    """Print the phases of a plan in milliseconds, F and shares."""
     whole = sum(split.values())
     print_table(
         "paper_1, default QP solver, by phase",
@@ -167,6 +183,18 @@ def main() -> int:
             for name, seconds in split.items()
         ],
     )
+
+
+def main() -> int:
+    parser = benchmark_parser(__doc__)
+    parser.add_argument("--repeats", type=int, default=15, help="calls per row (default 15)")
+    options = parser.parse_args()
+
+    first, found = first_call(), scenarios_in_F(2 * options.repeats)
+    rows, split = backend_rows(options.repeats), phases(paper_1().problem, options.repeats)
+
+    print_table("cold calls", COLUMNS, [list(row.values()) for row in rows])
+    print_phases(split, measure_F(paper_1().problem.machine))
     print_table(
         "paper_1 in a new process",
         ("step", "ms"),
@@ -184,10 +212,9 @@ def main() -> int:
             "repeats": options.repeats,
             "new_process_seconds": first,
             "paper_1_phases_seconds": split,
-            "columns": columns,
         }
-        save_json(options.json, content, rows=rows)
-    return 0 if all(found[name] <= ASKED[name] for name in ASKED) else 1
+        save_json(options.json, content, rows=rows, columns=COLUMNS)
+    return exit_code(success=all(found[name] <= ASKED[name] for name in ASKED))
 
 
 if __name__ == "__main__":

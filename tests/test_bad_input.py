@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 
 import zmp_sqp as zs
-from tests.problems import FOOTPRINT, PAPER_GOAL, PAPER_START, paper_scene, slider_time
+from benchmarks.problems.paper import PAPER_GOAL, PAPER_START, paper_scene
+from benchmarks.problems.scene import FOOTPRINT
+from tests.problems import slider_time
 from zmp_sqp.scenario import load_scenario
 
 MACHINE = zs.load_machine("feller_buncher")
@@ -62,8 +64,7 @@ def test_every_error_is_the_librarys_own() -> None:
         assert issubclass(error, zs.ZmpSqpError)
 
 
-# --- NaN, infinity, shapes, types
-# -------------------------------------------------------------------------------------
+# --- NaN, infinity, shapes, types ---------------------------------------------------------------
 
 
 def label(value: Any) -> str:
@@ -162,8 +163,7 @@ def test_models(model: Any) -> None:
     refuses(zs.ProblemError, "model", problem, model=model)
 
 
-# --- names
-# ------------------------------------------------------------------------------------------------------------
+# --- names --------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("key", ["velocity", "acceleration"])
@@ -210,8 +210,7 @@ def test_unknown_qp_solvers() -> None:
         refuses(zs.ProblemError, "solver", zs.plan, problem(), qp_solver=name)
 
 
-# --- limits
-# -----------------------------------------------------------------------------------------------------------
+# --- limits -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["start", "goal"])
@@ -324,13 +323,15 @@ def test_limits_that_are_missing_are_named_when_a_problem_is_posed(tmp_path: Pat
     refuses(zs.ProblemError, "'stick'", zs.phase_plane, machine, POSE, PAPER_GOAL)
 
 
-# --- tipping over at rest
-# ---------------------------------------------------------------------------------------------
+# --- tipping over at rest -----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["start", "goal"])
 def test_poses_that_tip_over_at_rest(name: str) -> None:
-    """The paper's own: arm over the left side on a slope of 20 degrees, the ZMP 2.056 m out, the edge at 1.615 m."""
+    """The paper's own: arm over the left side, roll 20 degrees.
+
+    The ZMP is at 2.056 m, the edge at 1.615 m.
+    """
     scene = paper_scene()
     over_left = with_entry(0, np.pi / 2)
     poses = {"start": POSE, "goal": PAPER_GOAL} | {name: over_left}
@@ -353,8 +354,7 @@ def test_a_ground_so_steep_that_it_would_have_to_hold_the_machine() -> None:
     refuses(zs.ProblemError, "rest at the start", problem, ground=zs.Slope(pitch=1.5))
 
 
-# --- support polygons
-# -------------------------------------------------------------------------------------------------
+# --- support polygons ---------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -400,8 +400,7 @@ def test_a_contact_link_that_moves() -> None:
     refuses(zs.MachineError, "'head'", zs.load_machine, "feller_buncher", support="head")
 
 
-# --- masses and inertias
-# ----------------------------------------------------------------------------------------------
+# --- masses and inertias ------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("mass", [0.0, -0.0, -1.0, np.nan, np.inf, "heavy", None, [1.0], 1j, True])
@@ -459,10 +458,12 @@ def test_supports_in_place(support: Any) -> None:
     refuses(zs.MachineError, "support", MACHINE.with_support, support)
 
 
-# --- URDFs
-# ------------------------------------------------------------------------------------------------------------
+# --- URDFs --------------------------------------------------------------------------------------
 
-INERTIAL = '<inertial><mass value="{mass}"/><inertia ixx="{ixx}" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+INERTIAL = (
+    '<inertial><mass value="{mass}"/>'
+    '<inertia ixx="{ixx}" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+)
 URDF = """<robot name="box">
   <link name="base">{base}<collision><geometry><box size="1 1 0.2"/></geometry></collision></link>
   <joint name="turn" type="{kind}"><parent link="{parent}"/><child link="arm"/><axis
@@ -541,7 +542,8 @@ def test_urdfs_that_cannot_be_a_machine(
         b"<robot name='x'><link name='a'/></robot>",
         b"\x00" * 100,
         b"<!DOCTYPE a [<!ENTITY b 'c'>]><robot name='x'><link name='a'/></robot>",
-        b"<robot name='x' xmlns:xacro='http://wiki.ros.org/xacro'><xacro:include filename='y'/></robot>",
+        b"<robot name='x' xmlns:xacro='http://wiki.ros.org/xacro'>"
+        b"<xacro:include filename='y'/></robot>",
     ],
     ids=lambda content: content[:30].decode(errors="replace"),
 )
@@ -572,8 +574,7 @@ def test_joint_limits_files(tmp_path: Path, content: str) -> None:
     refuses(zs.MachineError, r"box\.joint_limits\.yaml", zs.load_machine, path)
 
 
-# --- states of the quantities
-# -----------------------------------------------------------------------------------------
+# --- states of the quantities -------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("call", [zs.zmp, zs.stability_margin])
@@ -641,8 +642,7 @@ def test_poses_of_the_phase_plane(value: Any) -> None:
     refuses(zs.ProblemError, "goal", zs.phase_plane, MACHINE, POSE, value)
 
 
-# --- extremes that are no misuse
-# --------------------------------------------------------------------------------------
+# --- extremes that are no misuse ----------------------------------------------------------------
 
 
 @pytest.mark.parametrize("value", [-0.0, 0, np.float32(0.0), np.int8(0)])
@@ -687,8 +687,7 @@ def test_payloads_of_extreme_mass_end_in_a_plan_or_an_error(mass: float) -> None
     assert not plan.success or plan.margin >= 0.0
 
 
-# --- scenarios
-# --------------------------------------------------------------------------------------------------------
+# --- scenarios ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

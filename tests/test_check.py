@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import zmp_sqp as zs
-from tests.planning.driving import base
-from tests.problems import paper_scene
+from benchmarks.problems.paper import paper_scene
+from benchmarks.problems.terrain import unicycle_base as base
 from zmp_sqp.cli import main
 from zmp_sqp.planning.proof.certificate import certify_for
 from zmp_sqp.scenario import SHIPPED, load_scenario
@@ -82,8 +82,8 @@ def test_a_motion_faster_than_its_joints_is_not_safe(
 ) -> None:
     limits = tmp_path / "joint_limits.yaml"
     joints = "".join(
-        f"  {name}: {{has_acceleration_limits: true, max_acceleration: 2.0, has_velocity_limits: true, "
-        f"max_velocity: {0.5 if name == 'slew' else 1.0}}}\n"
+        f"  {name}: {{has_acceleration_limits: true, max_acceleration: 2.0, "
+        f"has_velocity_limits: true, max_velocity: {0.5 if name == 'slew' else 1.0}}}\n"
         for name in ("slew", "boom", "stick", "tilt", "head")
     )
     limits.write_text(f"joint_limits:\n{joints}", encoding="utf-8")

@@ -72,8 +72,7 @@ def failing(monkeypatch: pytest.MonkeyPatch, fault: BaseException) -> None:
     monkeypatch.setattr(cli, "plan", plan)
 
 
-# --- 0: done and safe
-# -------------------------------------------------------------------------------------------------
+# --- 0: done and safe ---------------------------------------------------------------------------
 
 
 def test_out_holds_trajectory_results_and_figures(out: Path) -> None:
@@ -187,8 +186,7 @@ def test_a_start_in_motion_has_no_phase_plane_to_compare_with(
     assert json.loads(capsys.readouterr().out)["phase_plane"] is None
 
 
-# --- 1: no safe motion
-# ------------------------------------------------------------------------------------------------
+# --- 1: no safe motion --------------------------------------------------------------------------
 
 
 def test_no_motion_is_a_diagnosis_and_exit_code_1(
@@ -211,8 +209,7 @@ def test_no_motion_is_a_diagnosis_and_exit_code_1(
     assert {path.name for path in tmp_path.iterdir()} == {"stretched.toml", "plan.json"}
 
 
-# --- 2: bad input
-# -----------------------------------------------------------------------------------------------------
+# --- 2: bad input -------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -255,8 +252,7 @@ def test_argparse_exits_with_2(arguments: list[str], capsys: pytest.CaptureFixtu
     assert "usage:" in capsys.readouterr().err
 
 
-# --- the rest
-# ---------------------------------------------------------------------------------------------------------
+# --- the rest -----------------------------------------------------------------------------------
 
 
 def test_an_interrupt_is_quiet(

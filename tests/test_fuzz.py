@@ -1,4 +1,4 @@
-"""Random and broken input at every public door: a typed error or a sound answer, never anything else."""
+"""Random and broken input at every public function: a typed error or a sound answer."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import zmp_sqp as zs
-from tests.problems import paper_scene
+from benchmarks.problems.paper import paper_scene
 from zmp_sqp.scenario import load_scenario
 
 ROOT = Path(__file__).parent.parent

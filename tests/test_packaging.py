@@ -1,4 +1,4 @@
-"""The house stands: imports run one way, the import is light, files stay small."""
+"""Imports run one way, importing the package is fast, functions are short and files small."""
 
 import ast
 import subprocess
@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-PACKAGE = ROOT / "zmp_sqp"
+PACKAGE, BENCHMARKS = ROOT / "zmp_sqp", ROOT / "benchmarks"
 HEAVY = ("casadi", "matplotlib", "mujoco", "piqp", "proxsuite", "qpsolvers")
 
 
@@ -19,11 +19,12 @@ def module_name(path: Path) -> str:
 
 
 MODULES = {module_name(path): path for path in sorted(PACKAGE.rglob("*.py"))}
+BESIDE = {module_name(path): path for path in sorted(BENCHMARKS.rglob("*.py"))}  # not shipped
 
 
 def imports(name: str) -> set[str]:
-    """Every module that `name` imports, also inside functions; of our own the file that is meant."""
-    path = MODULES[name]
+    """Every module that `name` imports, also inside functions; of the package, its files."""
+    path = (MODULES | BESIDE)[name]
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
     found = set()
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -130,13 +131,33 @@ def test_only_leaves_import_leaves_and_nobody_the_command_line():
     }
 
 
+def test_the_package_imports_neither_benchmarks_nor_tests():
+    assert not {
+        f"{name} -> {target}"
+        for name in MODULES
+        for target in imports(name)
+        if within(target, "benchmarks", "tests")
+    }
+
+
+def test_benchmarks_import_nothing_from_tests():
+    assert "benchmarks.problems.arm" in BESIDE
+    assert not {
+        f"{name} -> {target}"
+        for name in BESIDE
+        for target in imports(name)
+        if within(target, "tests")
+    }
+
+
 def test_no_import_cycles():
     # raises CycleError with the cycle
     TopologicalSorter({name: own(name) for name in MODULES}).prepare()
 
 
 def test_importing_the_package_loads_neither_plots_nor_qp_backends():
-    code = f"import sys, zmp_sqp; assert zmp_sqp.__file__; print(*sorted({set(HEAVY)!r} & set(sys.modules)))"
+    loaded = f"sorted({set(HEAVY)!r} & set(sys.modules))"
+    code = f"import sys, zmp_sqp; assert zmp_sqp.__file__; print(*{loaded})"
     run = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=120
     )
@@ -162,7 +183,7 @@ LONGER = {  # functions that may be longer, with the reason
 def test_functions_are_at_most_60_lines_long():
     lengths = {
         f"{name}.{node.name}": node.end_lineno - node.lineno + 1
-        for name, path in MODULES.items()
+        for name, path in (MODULES | BESIDE).items()
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
     }

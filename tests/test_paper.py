@@ -1,4 +1,4 @@
-"""`zmp-sqp paper`: what it computes, prints and writes, and that it fails where what should be safe is not."""
+"""`zmp-sqp paper`: what it computes, prints and writes, and when its exit code is 1."""
 
 from __future__ import annotations
 
@@ -39,8 +39,7 @@ def planner(result: dict[str, Any], test: str, name: str) -> dict[str, Any]:
     return next(entry for entry in result["tests"] if entry["name"] == test)["planners"][name]
 
 
-# --- the paper's claims
-# -----------------------------------------------------------------------------------------------
+# --- the paper's claims -------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("test", ["test_1", "test_2"])
@@ -98,8 +97,7 @@ def test_times_are_given_in_seconds_and_in_units_of_derivative_calls(
             assert entry["planners"][model]["time_in_F"] > 1.0
 
 
-# --- what is written
-# --------------------------------------------------------------------------------------------------
+# --- what is written ----------------------------------------------------------------------------
 
 
 def test_out_holds_tables_results_and_figures(out: Path, result: dict[str, Any]) -> None:
@@ -123,13 +121,12 @@ def test_json_holds_what_the_help_explains(result: dict[str, Any]) -> None:
     assert set(result) <= set(explained)
 
 
-# --- the ladder
-# -------------------------------------------------------------------------------------------------------
+# --- the ladder ---------------------------------------------------------------------------------
 
 
 @pytest.fixture(scope="module")
 def rungs() -> list[dict[str, Any]]:
-    """One rung that costs nothing, one that costs the simplified model time, one without a motion, one refused."""
+    """Four rungs: costs nothing, costs the simplified model time, no motion, refused."""
     return list(ladder(((2000.0, -10.0), (3000.0, -50.0), (8000.0, -10.0), (10000.0, -50.0))))
 
 
@@ -158,8 +155,7 @@ def test_the_ladders_tables_say_why_not(rungs: list[dict[str, Any]]) -> None:
     assert overview.rows[-1] == ("10 t", "tips over at rest", "tips over at rest")
 
 
-# --- exit codes and the rest
-# ------------------------------------------------------------------------------------------
+# --- exit codes and the rest --------------------------------------------------------------------
 
 
 def test_what_should_be_safe_and_is_not_is_exit_code_1(
@@ -222,8 +218,7 @@ def test_a_folder_that_cannot_be_made_is_bad_input(capsys: pytest.CaptureFixture
     assert "/dev/null" in capsys.readouterr().err
 
 
-# --- the README
-# -------------------------------------------------------------------------------------------------------
+# --- the README ---------------------------------------------------------------------------------
 
 
 def test_the_readmes_tables_are_those_of_the_benchmark() -> None:

@@ -1,4 +1,4 @@
-"""The planner beside an independent transcription of the same problem in CasADi, solved by IPOPT."""
+"""The planner beside an independent transcription in CasADi, solved by IPOPT."""
 
 import numpy as np
 import pytest

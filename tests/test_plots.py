@@ -129,7 +129,8 @@ def test_no_figure_leaves_a_trace_in_pyplot(planned: Plan, tmp_path: Path) -> No
 
 
 def test_matplotlib_and_rich_are_not_imported_before_they_are_needed() -> None:
-    code = "import sys, zmp_sqp.cli, zmp_sqp.show.plots; print([m for m in ('matplotlib', 'rich') if m in sys.modules])"
+    loaded = "[m for m in ('matplotlib', 'rich') if m in sys.modules]"
+    code = f"import sys, zmp_sqp.cli, zmp_sqp.show.plots; print({loaded})"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 

@@ -1,4 +1,4 @@
-"""Scenario files: what they mean, and one clear sentence about each thing that is wrong with one."""
+"""Scenario files: what they mean, and one clear sentence about each mistake in one."""
 
 from __future__ import annotations
 
@@ -55,8 +55,7 @@ def slider(tmp_path: Path) -> Path:
     return tmp_path
 
 
-# --- what a file means
-# ------------------------------------------------------------------------------------------------
+# --- what a file means --------------------------------------------------------------------------
 
 
 def test_shipped_scenarios_are_listed_and_all_of_them_load() -> None:
@@ -147,8 +146,7 @@ def test_sliding_joints_are_told_from_turning_ones(slider: Path) -> None:
     assert sliding_joints(load_scenario("paper_1").problem.machine) == ()
 
 
-# --- what is wrong with a file
-# ----------------------------------------------------------------------------------------
+# --- what is wrong with a file ------------------------------------------------------------------
 
 MISTAKES = {
     "unknown key": (

@@ -1,4 +1,4 @@
-"""The claims of urdf/README.md: masses of Table I, inertias of the stated solids, the tracks' footprint."""
+"""The claims of urdf/README.md: masses of Table I, inertias of solids, footprint."""
 
 import math
 import re

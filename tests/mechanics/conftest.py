@@ -1,4 +1,4 @@
-"""Machines and terrain that the mechanics tests share."""
+"""Machines, terrain and random motions for the tests of the mechanics."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from zmp_sqp.mechanics.urdf.loader import load_machine
 TREE_COM = (0.0, 0.0, 3.323)  # [m] in the head's frame, paper.md
 STEM = 4000.0 * 8.0**2 / 12.0  # [kg m^2] uniform stem about its transverse axes, paper.md
 
-# Pinocchio sorts siblings by name, so 'a_turn' overtakes 'z_slide' and everything under it. The
-# axes are oblique, one joint is continuous (nq 2), one prismatic, and a tool of its own mass is
-# fixed to the last link.
+# Pinocchio sorts siblings by name, so its order differs from the file's: 'a_turn' comes before
+# 'z_slide' and all joints below it. The axes are oblique, two joints are continuous (nq = 2), one
+# is prismatic, and a tool with mass is fixed to the last link.
 PERMUTED = """<robot name="permuted">
   <link name="base"><inertial><origin xyz="0.1 -0.2 0.3"/><mass value="300"/>
     <inertia ixx="20" ixy="1" ixz="0" iyy="25" iyz="0" izz="30"/></inertial>
@@ -99,7 +99,10 @@ def rolling() -> Heightmap:
 
 
 def random_drive(count: int, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Poses on the map, rates and accelerations of a tracked base, shape (count, 3), (count, 2), (count, 2)."""
+    """Poses on the map, rates and accelerations of a tracked base.
+
+    Shapes (count, 3), (count, 2), (count, 2).
+    """
     random = np.random.default_rng(seed)
     low, high = [MAP_X[0] + 2.0, MAP_Y[0] + 2.0, -4.0], [MAP_X[-1] - 2.0, MAP_Y[-1] - 2.0, 4.0]
     pose = random.uniform(low, high, (count, 3))

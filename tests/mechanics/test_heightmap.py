@@ -133,7 +133,8 @@ def test_leaving_the_map_is_an_error_that_says_where(
 ) -> None:
     pose = np.array([[0.0, 5.0, 0.0], [*place, 0.0]])
     zero = np.zeros((2, 2))
-    where = rf"\({place[0]:.3f}, {place[1]:.3f}\) m; the map covers x from -3 to 26.5 m and y from 1 to 25.5 m"
+    covered = "the map covers x from -3 to 26.5 m and y from 1 to 25.5 m"
+    where = rf"\({place[0]:.3f}, {place[1]:.3f}\) m; {covered}"
     for call in (
         lambda: rolling.base_motion(pose, zero, zero),
         lambda: rolling.ground_rates(pose, zero),

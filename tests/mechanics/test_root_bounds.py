@@ -1,4 +1,4 @@
-"""Bounds on the surface's derivatives and on how a base turns on it: never below what is found by differences."""
+"""Bounds on derivatives of the surface and on the base's turning, against differences."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def test_a_plane_bends_nowhere() -> None:
 @pytest.mark.parametrize("height", [0.0, 0.8])
 @pytest.mark.parametrize("seed", range(25))
 def test_no_motion_of_the_root_is_above_its_bound(seed: int, height: float) -> None:
-    """Angular velocity and origin with their derivatives, by differences along a path over bumpy ground."""
+    """Angular velocity and origin with their derivatives, by differences along a bumpy path."""
     rng = np.random.default_rng([3, seed])
     ground = terrain(rng)
     speed, yaw = (

@@ -1,4 +1,4 @@
-"""Load transfer, force angle and tip-over energy against closed forms, and against the ZMP's sign."""
+"""Load transfer, force angle and tip-over energy: closed forms, and the sign of the ZMP."""
 
 from __future__ import annotations
 

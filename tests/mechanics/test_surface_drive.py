@@ -103,7 +103,7 @@ def ground_named(name: str, rolling: Heightmap) -> Ground:
 
 
 def assert_jacobian(found: Array, function: Callable[[Array], Array], variables: Array) -> None:
-    """Compare (K, m, n) derivatives with central differences by each of the n columns of (K, n) variables."""
+    """Compare derivatives (K, m, n) with central differences by each column of (K, n)."""
     # of each row: angular ones are small beside gravity
     scale = np.maximum(np.abs(found).max(axis=(0, 2)), 0.1)
     for column in range(variables.shape[1]):
@@ -163,7 +163,10 @@ TICK = 1e-3  # [s] between the points of the differences
 
 
 def drive(ground: Ground, start: Array, rates: Array, accelerations: Array, ticks: int) -> Array:
-    """Pose after |ticks| Runge-Kutta steps ahead or back in time with constant accelerations, shape (3,)."""
+    """Pose (3,) after |ticks| Runge-Kutta steps with constant accelerations.
+
+    Negative ticks go back in time.
+    """
     pose, step = start.copy(), np.sign(ticks) * TICK
 
     def derivative(t: float, at: Array) -> Array:
@@ -219,7 +222,7 @@ def test_the_ground_reaction_is_what_changes_the_momentum(
     wrench = ground_reaction(loaded, q, v, a, **root)[0]
 
     def momentum(t: int) -> tuple[Array, Array]:
-        """Momentum about the world's origin, world axes, and the world's centre of mass, from poses alone."""
+        """Momentum about the world's origin in world axes, and centre of mass, from poses."""
         full = []
         for tick in (t - 1, t, t + 1):
             time = tick * TICK

@@ -387,8 +387,8 @@ def test_bad_contact_links_are_named(tmp_path: Path, support: object, named: str
 def test_contact_links_at_different_heights_or_without_shape_are_named(tmp_path: Path) -> None:
     foot = '<collision><geometry><box size="0.2 0.2 0.2"/></geometry></collision>'
     feet = "".join(
-        f'<link name="{name}">{shape}</link><joint name="{name}_mount" type="fixed"><parent link="base"/>'
-        f'<child link="{name}"/><origin xyz="{x} 0 {z}"/></joint>'
+        f'<link name="{name}">{shape}</link><joint name="{name}_mount" type="fixed">'
+        f'<parent link="base"/><child link="{name}"/><origin xyz="{x} 0 {z}"/></joint>'
         for name, shape, x, z in (
             ("low", foot, 0, 0.0),
             ("high", foot, 1, 0.05),

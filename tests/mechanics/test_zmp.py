@@ -69,7 +69,10 @@ def test_zmp_is_the_centroidal_momentum_rate_over_the_normal_force(
 
 
 def point_masses(q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Table I by hand: masses (7,) and positions (7, 3), x forward, y left; arm angles are backwards from upright."""
+    """Table I by hand: masses (7,) and positions (7, 3), x forward, y left.
+
+    Arm angles are measured backwards from upright.
+    """
     # (forward, up) of boom, stick, tilt link
     along = [np.array([-np.sin(s), np.cos(s)]) for s in np.cumsum(q[1:4])]
     boom = np.array([0.0, 1.60 + 0.96])

@@ -1,4 +1,4 @@
-"""What several tests look at: plans, made once per process, and poses of the simplified model."""
+"""Plans for several tests, made once per process, and poses of the simplified model."""
 
 from __future__ import annotations
 
@@ -8,10 +8,12 @@ from functools import cache
 import numpy as np
 
 import zmp_sqp as zs
-from tests.problems import NamedProblem, paper_1, paper_scene, random_problem
+from benchmarks.problems.arm import random_problem
+from benchmarks.problems.paper import paper_1, paper_scene
+from benchmarks.problems.scene import NamedProblem
 from zmp_sqp.planning import LumpedMass, simplified_coordinates
 
-# attitude c of the head: (7), and the start (22) of Song & Sharf 2020
+# [rad] attitude c of the head in eq. (7), and at the start (22), of Song & Sharf 2020
 UPRIGHT, LEANING = -np.pi / 2, -2.0 * np.pi / 3
 TEST_2 = replace(paper_scene(), roll=np.deg2rad(-15.0), pitch=np.deg2rad(15.0))
 
@@ -31,7 +33,7 @@ def planned_random(seed: int) -> tuple[NamedProblem, zs.Plan]:
 def pose(
     slew: float, boom: float, *, attitude: float = LEANING, head: float = -np.pi / 2
 ) -> np.ndarray:
-    """Pose of the form (7)."""
+    """Arm pose of the form of eq. (7), shape (5,) [rad]."""
     return np.array([slew, boom, -np.pi - 2.0 * boom, attitude + np.pi + boom, head])
 
 

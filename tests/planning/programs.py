@@ -1,4 +1,4 @@
-"""What the tests of all transcriptions share: their grid and tolerances, bounds, points, the Lagrangian's gradient."""
+"""Grid, tolerances, bounds, points and Lagrangian gradient for tests of transcriptions."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 import zmp_sqp as zs
+from benchmarks.problems.scene import GRAVITY
 from tests.checks import central_differences
-from tests.problems import GRAVITY
 from zmp_sqp.planning.program.driving.transcription import DrivingTranscription
 from zmp_sqp.planning.program.transcription import PathBounds, Transcription
 
@@ -27,15 +27,15 @@ __all__ = [
 ]
 
 Program = Transcription | DrivingTranscription
-DERIVATIVE = 2e-7  # central differences with a step of 1e-6 on rows of order one
-CURVATURE = 1e-5  # differences of differences
+DERIVATIVE = 2e-7  # error of central differences with a step of 1e-6, on rows of order one
+CURVATURE = 1e-5  # relative error of central differences of gradients
 ROUNDING = 1e-12
 N = 4
 REFERENCE = 2.3  # [s]
 
 
 def path_bounds(machine: zs.Machine, n: int, *, lower: float, upper: float) -> PathBounds:
-    """Bounds of n coordinates that are within an order of magnitude of what the tests' points do."""
+    """Bounds of n coordinates, of the order of magnitude of the tests' points."""
     assert machine.support is not None
     return PathBounds(
         position_lower=np.full(n, lower),
@@ -49,26 +49,29 @@ def path_bounds(machine: zs.Machine, n: int, *, lower: float, upper: float) -> P
 
 
 def closed(nlp: Program, seed: int = 0) -> np.ndarray:
-    """Any accelerations, gaps closed; it need not arrive."""
+    """A point with random accelerations and closed gaps, which does not end at the goal."""
     controls = np.random.default_rng(seed).normal(0.0, 3.0, (N, nlp.hold.controls, nlp.n))
     return nlp.pack(controls, 1.3 * REFERENCE**2)
 
 
 def anywhere(nlp: Program, seed: int = 0) -> np.ndarray:
-    """A point with open gaps."""
+    """A random point with open gaps."""
     x = closed(nlp, seed)
     x[:-1] += np.random.default_rng(seed + 1).normal(0.0, 0.1, len(x) - 1)
     return x
 
 
 def lagrangian_gradient(nlp: Program, at: np.ndarray, y: np.ndarray, z: np.ndarray) -> Any:
-    """Of f + phi + y.c_E + z.c_I, with one multiplier for every equality."""
+    """Gradient of f + phi + y.c_E + z.c_I, with one multiplier for every equality."""
     here = nlp.linearize(at)
     return here.gradient + here.tie_gradient + here.A.T @ y + here.C.T @ z
 
 
 def check_curvature_along_closed_gaps(nlp: Program) -> None:
-    """Z'HZ against differences, with multipliers on all inequalities: what the SQP uses, middle control points too."""
+    """Compare Z'HZ with differences, with multipliers on all inequality rows.
+
+    This is what the SQP uses, middle control points included.
+    """
     x, rng = closed(nlp, 3), np.random.default_rng(2)
     lin = nlp.linearize(x)
     Z, y = lin.basis.Z, np.zeros(len(lin.at.equalities))

@@ -12,8 +12,10 @@ import pytest
 from scipy.integrate import cumulative_simpson
 
 import zmp_sqp as zs
-from tests.planning.driving import base, retreat, rolling_map
-from tests.problems import PAPER_GOAL, PAPER_START, paper_scene
+from benchmarks.problems.paper import PAPER_GOAL, PAPER_START, paper_scene
+from benchmarks.problems.terrain import rolling_map
+from benchmarks.problems.terrain import unicycle_base as base
+from tests.planning.driving import retreat
 from zmp_sqp.motion.unicycle_motion import UnicycleMotion
 from zmp_sqp.planning.proof import path_error
 from zmp_sqp.planning.proof.base_check import ARRIVAL, CORRIDOR, corridor_excess
@@ -257,7 +259,7 @@ def test_a_base_that_turns_fast_over_terrain_has_a_margin_or_a_reason_why_not(
 
 
 def test_to_ask_for_a_negative_margin_asks_for_no_less_proof_than_to_ask_for_none() -> None:
-    """Without a margin this motion keeps to the edge by 0.01 mm, and so it does if less is asked for."""
+    """Without a margin this motion stays 0.01 mm inside, and also if less is asked for."""
     scene = paper_scene()
     plan = zs.plan(scene.problem(PAPER_START, PAPER_GOAL))
     assert plan.success, plan.message

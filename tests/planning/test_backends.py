@@ -8,9 +8,11 @@ from typing import Any
 import pytest
 
 import zmp_sqp as zs
-from tests.checks import check_feasibility
+from benchmarks.problems.checks import check_feasibility
+from benchmarks.problems.paper import paper_1
+from benchmarks.problems.scene import NamedProblem
 from tests.planning.conftest import planned_paper_1, planned_random
-from tests.problems import NamedProblem, paper_1, slider
+from tests.problems import slider
 from zmp_sqp.sqp.backends.proxqp import ProxQP
 from zmp_sqp.sqp.qp import QP
 
@@ -59,7 +61,7 @@ def test_native_piqp_gives_the_same_duration_on_the_slider() -> None:
 
 
 def test_native_piqp_is_safe_where_the_zmp_costs_time_and_at_least_as_fast() -> None:
-    """Its sparse QP knows no ties between slopes, so on more than a few controls its motions are a little faster.
+    """PIQP's sparse QP has no ties between slopes: with many controls T is a little less.
 
     Its Hessian is clipped stage by stage, so that it takes three times the iterations here.
     """
@@ -94,7 +96,10 @@ def test_the_history_says_what_every_iteration_did() -> None:
 def test_where_the_bound_can_be_kept_one_qp_in_one_round_is_enough(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """A second round for rows that are missed by little would cost as much again (docs/notes.md)."""
+    """A second round for rows that are missed by little would cost as much again.
+
+    See docs/notes.md.
+    """
     sizes: list[int] = []
     solve = ProxQP.solve
 

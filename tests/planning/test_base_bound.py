@@ -1,4 +1,4 @@
-"""The base's acceleration bound, eq. (21), and its motion beside the arm's, against the complete wrench."""
+"""The base's acceleration bound, eq. (21), and its motion, against the complete wrench."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import zmp_sqp as zs
-from tests.checks import Oracle
-from tests.problems import FOOTPRINT, GRAVITY, PAPER_GOAL, PAPER_START, Scene, Tree, paper_scene
+from benchmarks.problems.checks import Oracle
+from benchmarks.problems.paper import PAPER_GOAL, PAPER_START, paper_scene
+from benchmarks.problems.scene import FOOTPRINT, GRAVITY, Scene, Tree
 from zmp_sqp.motion.double_integrator import minimum_time
 from zmp_sqp.planning.closed_forms.base_bound import (
     base_acceleration_bound,
@@ -60,7 +61,7 @@ def second_test(request) -> tuple[Scene, zs.Machine, zs.Plan]:
 def independent_excess(
     scene: Scene, arm: zs.Trajectory, base: BaseMotion, *, samples: int = 4001
 ) -> float:
-    """Farthest that the ZMP of arm and base together stands outside an edge [m], by a model of the test's own."""
+    """Largest distance of the ZMP of arm and base beyond an edge [m], by an own model."""
     oracle, gravity = Oracle(scene), None
     gravity = oracle.model.gravity.linear.copy()
     t = np.linspace(0.0, base.duration, samples)
@@ -89,7 +90,7 @@ def test_test_2_of_the_paper_takes_4_5_seconds_with_the_zmp_inside(second_test):
 
 
 def test_an_arm_motion_with_a_margin_grants_the_base_its_share():
-    """Minimum-time arm motions of test 2 are not unique: one that keeps 0.3 m is as fast, and the base may use them."""
+    """Of the fastest arm motions of test 2, one keeps 0.3 m, which the base may use."""
     scene = paper_2(point_masses=True)
     problem = scene.problem(PAPER_START, PAPER_GOAL, margin=0.3)
     roomy = zs.plan(problem)
@@ -119,7 +120,7 @@ def test_the_bound_is_exact_where_nothing_moves_but_the_base():
 
 
 def test_the_slope_of_the_zmp_is_that_of_equation_21():
-    """Against differences, for bodies that move: -sum m z / sum m (z'' - g_z), from point masses by hand."""
+    """Against differences: -sum m z / sum m (z'' - g_z) of point masses that move."""
     scene = paper_2(point_masses=True)
     machine, oracle = scene.load(), Oracle(scene)
     arm = zs.phase_plane(machine, BOOM_UP, BOOM_DOWN)
@@ -166,7 +167,7 @@ def point_motions(
     ("arm", "distance"), [((BOOM_UP, BOOM_DOWN), 5.0), ((BOOM_DOWN, BOOM_UP), -5.0)]
 )
 def test_the_bound_shrinks_where_the_arm_s_vertical_acceleration_counts(arm, distance):
-    """While the boom begins to fall, the ground carries less and the ZMP is at its rearmost: (21) as it stands tips."""
+    """A boom that begins to fall lightens the ground; the unmodified (21) would tip it."""
     machine = paper_scene(point_masses=False).load().with_support(WIDE)
     trajectory = zs.phase_plane(machine, *arm)
     base = plan_base(
@@ -273,7 +274,7 @@ def test_an_arm_on_the_front_edge_leaves_the_base_no_room():
 
 
 def test_heights_count_from_the_support_plane():
-    """The same machine on tracks 1 m below its root origin: higher above the ground, so less acceleration."""
+    """The same machine on tracks 1 m below its root origin may accelerate less."""
     machine = paper_scene(point_masses=True).load()
     arm = zs.phase_plane(machine, PAPER_START, PAPER_START)
     low = machine.with_support(zs.SupportPolygon(WIDE.vertices, height=-1.0))
@@ -310,7 +311,7 @@ def test_arm_and_base_in_one_trajectory_are_the_same_motion(distance: float) -> 
 
 @pytest.mark.parametrize("roll", [-0.4, -0.6])
 def test_an_arm_that_leaves_the_polygon_between_far_nodes_is_refused(roll: float) -> None:
-    """A phase-plane motion has three pieces; ten samples in each saw a margin of 8 mm where there are -11."""
+    """Ten samples in each of three pieces of the motion saw +8 mm where the margin is -11."""
     machine, ground = paper_scene().load(), zs.Slope(roll=np.radians(roll))
     arm = zs.phase_plane(machine, PAPER_START, PAPER_GOAL)
     assert zs.certify(machine, arm, ground).sampled < -0.01

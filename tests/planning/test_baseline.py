@@ -1,4 +1,4 @@
-"""The phase-plane method and the minimum time of one joint, also on a grid, against closed forms and brute force."""
+"""Phase-plane method and minimum time of one joint: closed forms and brute force."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ import pytest
 from scipy.optimize import brentq, linprog
 
 import zmp_sqp as zs
-from tests.checks import joint_limit_excess
-from tests.problems import double_integrator_time, random_scene
+from benchmarks.problems.arm import random_scene
+from benchmarks.problems.checks import joint_limit_excess
+from tests.problems import double_integrator_time
 from zmp_sqp.motion.double_integrator import grid_minimum_time, grid_profile, minimum_time
 
 EXACT = 1e-9
@@ -16,8 +17,7 @@ ROUNDING = 1e-12
 SEEDS = range(20)
 
 
-# --- one joint in continuous time
-# -------------------------------------------------------------------------------------
+# --- one joint in continuous time ---------------------------------------------------------------
 
 
 def motion(found: object, distance: float, v0: float) -> tuple[np.ndarray, np.ndarray]:
@@ -49,7 +49,7 @@ def test_minimum_time_is_a_motion_that_arrives_within_the_limits(seed: int) -> N
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_no_sampled_control_is_faster_than_minimum_time(seed: int) -> None:
-    """Brute force: the shortest time in which a linear program on a fine grid arrives, less than which nothing can."""
+    """Lower bound by brute force: the least time in which an LP on a fine grid arrives."""
     rng = np.random.default_rng([1, seed])
     v_max, a_max = rng.uniform(0.3, 1.5, 2)
     v0, v1 = rng.uniform(-v_max, v_max, 2)
@@ -66,7 +66,7 @@ def test_no_sampled_control_is_faster_than_minimum_time(seed: int) -> None:
 def reach(
     T: float, N: int, distance: float, v_max: float, a_max: float, v0: float, v1: float
 ) -> float:
-    """Least distance from the goal state that piecewise constant accelerations get to in N steps of T / N, by LP."""
+    """Least distance from the goal state after N steps of T / N, by a linear program."""
     h = T / N
     rates = h * np.tril(np.ones((N, N)))  # node rates 1..N
     place = h**2 * (N - np.arange(N) - 0.5)
@@ -92,8 +92,7 @@ def test_rest_to_rest_is_the_closed_form(distance: float) -> None:
     assert found.duration == pytest.approx(expected, rel=ROUNDING, abs=1e-15)
 
 
-# --- one joint on a grid
-# ----------------------------------------------------------------------------------------------
+# --- one joint on a grid ------------------------------------------------------------------------
 
 
 def farthest(T: float, N: int, v_max: float, a_max: float) -> float:
@@ -178,8 +177,7 @@ def test_grid_profile_arrives_within_the_limits(seed: int) -> None:
         assert (np.abs(rates) <= v * (1.0 + EXACT)).all()
 
 
-# --- phase plane
-# ------------------------------------------------------------------------------------------------------
+# --- phase plane --------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("seed", SEEDS)

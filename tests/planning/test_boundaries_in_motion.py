@@ -6,16 +6,11 @@ import numpy as np
 import pytest
 
 import zmp_sqp as zs
-from tests.checks import check_feasibility
+from benchmarks.problems.checks import check_feasibility
+from benchmarks.problems.paper import PAPER_GOAL, PAPER_START, paper_scene
+from benchmarks.problems.scene import NamedProblem
 from tests.planning.conftest import planned_paper_1, planned_random
-from tests.problems import (
-    PAPER_GOAL,
-    PAPER_START,
-    NamedProblem,
-    double_integrator,
-    paper_scene,
-    slider,
-)
+from tests.problems import double_integrator, slider
 
 SAFE = 1e-6
 EXACT = 1e-9
@@ -51,7 +46,11 @@ def test_boundary_rates_are_met_and_the_zmp_stays_inside(which: str) -> None:
 def rest_of_the_way(
     named: NamedProblem, plan: zs.Plan, share: float
 ) -> tuple[zs.Plan, float, float]:
-    """Plan again from a node of the plan, with as many intervals as are left: its duration, and what was left."""
+    """Plan again from a node of the plan, on the remaining intervals.
+
+    Returns:
+        The plan, its duration, and what was left of the first one's duration [s].
+    """
     node = round(share * plan.trajectory.intervals)
     q, v = plan.trajectory.positions[node], plan.trajectory.velocities[node]
     problem = zs.Problem(
@@ -93,7 +92,7 @@ def test_replanning_the_slider_on_the_way_takes_what_the_closed_form_has_left() 
 
 
 def test_a_double_integrator_in_motion_takes_its_closed_form() -> None:
-    """From 1 m/s at 2 m/s^2 over 3 m to rest, at most 1 m/s: 2.75 s of coasting, 0.5 s of braking."""
+    """From 1 m/s over 3 m to rest, with 1 m/s and 2 m/s^2: coast 2.75 s, brake 0.5 s."""
     named = double_integrator(distance=3.0, max_velocity=1.0, max_acceleration=2.0, intervals=65)
     problem = zs.Problem(named.problem.machine, [-1.5], [1.5], start_velocity=[1.0], intervals=65)
     plan = zs.plan(problem)

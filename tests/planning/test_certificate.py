@@ -1,4 +1,4 @@
-"""Certificates against dense sampling, by a ZMP of their own, and everything that must never be certified."""
+"""Certificates against dense sampling of an own ZMP, and what must never be certified."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import zmp_sqp as zs
-from tests.checks import joint_limit_excess
+from benchmarks.problems.checks import joint_limit_excess
 from tests.mechanics.conftest import PERMUTED, STEM, TREE_COM
 from tests.planning.conftest import planned_paper_1
 from tests.problems import slider
@@ -46,7 +46,10 @@ LEVEL = zs.Slope()
 
 @cache
 def machine_of(name: str) -> zs.Machine:
-    """Shipped ones, the paper's with its tree, and one with a prismatic, two continuous joints and two branches."""
+    """Shipped machines, the paper's with its tree, and one with branches.
+
+    The last one has a prismatic joint and two continuous ones.
+    """
     if name in zs.shipped_machines():
         return zs.load_machine(name)
     if name in ("rigid", "points"):
@@ -91,7 +94,10 @@ class Case:
 
 
 def random_case(name: str, speed: float, seed: int, *, steps: Array | None = None) -> Case:
-    """One interval of 5 s, a few of any length, or many of a millisecond; support sometimes aside and off z = 0."""
+    """One interval of 5 s, a few of any length, or many of a millisecond.
+
+    The support is sometimes aside and off z = 0.
+    """
     rng = np.random.default_rng([seed, MACHINES.index(name), int(100 * speed)])
     machine = machine_of(name)
     n, support = machine.size, machine.support
@@ -137,7 +143,7 @@ def wrenches(machine: zs.Machine, q: Array, v: Array, a: Array, gravity: Array) 
 
 
 def margins(machine: zs.Machine, q: Array, v: Array, a: Array, gravity: Array) -> Array:
-    """Signed distance of the ZMP from the nearest edge line, shape (K,); -inf where the ground would have to pull."""
+    """Distance of the ZMP from the nearest edge (K,), -inf where the ground would pull."""
     support = machine.support
     assert support is not None
     fx, fy, fz, tx, ty, _ = wrenches(machine, q, v, a, gravity).T
@@ -153,7 +159,7 @@ def margins(machine: zs.Machine, q: Array, v: Array, a: Array, gravity: Array) -
 
 
 def least_sampled(case: Case, *, samples: int = 4000) -> float:
-    """Least margin on a grid over every interval, ends included, and on a finer one about the least."""
+    """Least margin on a grid over every interval, and on a finer one about the least."""
     trajectory, gravity = case.trajectory, case.ground.gravity()
     shares = np.linspace(0.0, 1.0, max(3, samples // trajectory.intervals))
     _, q, v, a = trajectory.within(shares)
@@ -169,8 +175,7 @@ def is_below(margin: float, least: float) -> bool:
     return margin == -np.inf or margin - least <= ROUNDING * max(1.0, abs(least))
 
 
-# --- the guarantee
-# ----------------------------------------------------------------------------------------------------
+# --- the guarantee ------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(("name", "speed"), list(product(MACHINES, SPEEDS)))
@@ -312,8 +317,7 @@ def test_a_plan_that_hugs_the_edge_holds_at_ten_kilohertz() -> None:
     assert 0.0 <= plan.margin <= least_sampled(case, samples=int(1e4 * plan.duration)) < 1e-3
 
 
-# --- what must never be certified
-# -------------------------------------------------------------------------------------
+# --- what must never be certified ---------------------------------------------------------------
 
 
 def test_a_machine_that_lifts_off_has_no_margin() -> None:
@@ -434,8 +438,7 @@ def test_a_ground_that_pulls_the_machine_up_gives_no_margin() -> None:
     assert zs.certify(machine, still(machine), Ceiling()).margin == -np.inf
 
 
-# --- how much it takes
-# ------------------------------------------------------------------------------------------------
+# --- how much it takes --------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("duration", [1e3, 1e6, 1e9])
@@ -474,8 +477,7 @@ def test_a_motion_of_no_duration_has_the_margin_of_its_state(nodes: int) -> None
     assert static - 2.0 * module.ROUNDING <= found.margin <= static
 
 
-# --- joint limits
-# -----------------------------------------------------------------------------------------------------
+# --- joint limits -------------------------------------------------------------------------------
 
 
 @given(
@@ -545,8 +547,7 @@ def test_a_rate_a_thousand_times_a_tiny_limit_is_not_rounding() -> None:
     assert zs.certify(machine_of("slider").with_limits(velocity=1e-9), trajectory, LEVEL).limits_ok
 
 
-# --- a base that drives
-# -----------------------------------------------------------------------------------------------
+# --- a base that drives -------------------------------------------------------------------------
 
 
 def driving_case(seed: int, speed: float, steps: Array) -> Case:
@@ -565,7 +566,7 @@ def driving_case(seed: int, speed: float, steps: Array) -> Case:
 
 
 def least_driving(case: Case, *, samples: int) -> float:
-    """Least margin with the root's pose, twist and acceleration in the model itself, gravity in the world."""
+    """Least margin with the root's motion in the model itself and gravity in the world."""
     trajectory, machine = case.trajectory, case.machine
     base, support = trajectory.base, machine.support
     assert base is not None

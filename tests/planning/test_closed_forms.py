@@ -1,4 +1,4 @@
-"""Durations against closed forms in which the ZMP costs time; their derivations stand in tests/problems.py."""
+"""Durations against closed forms in which the ZMP costs time (tests/problems.py)."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import zmp_sqp as zs
-from tests.checks import check_feasibility
-from tests.problems import NamedProblem, double_integrator, slew, slider, slider_time
+from benchmarks.problems.checks import check_feasibility
+from benchmarks.problems.scene import NamedProblem
+from tests.problems import double_integrator, slew, slider, slider_time
 from zmp_sqp.planning.search.planner import GUARD
 
 INSIDE = 1e-6
@@ -25,8 +26,7 @@ def error(named: NamedProblem) -> float:
     return plan.duration / named.optimum - 1.0
 
 
-# --- slider
-# -----------------------------------------------------------------------------------------------------------
+# --- slider -------------------------------------------------------------------------------------
 
 
 def test_slider_is_within_0_2_percent_of_its_closed_form_at_100_intervals() -> None:
@@ -41,7 +41,7 @@ def test_slider_with_the_papers_half_length_is_within_0_2_percent() -> None:
 
 
 def test_the_sliders_error_falls_as_the_grid_grows_finer() -> None:
-    """To the optimum of the polygon that the planner's guard leaves: 0.05 mm within every edge, 0.009 % of the time."""
+    """Against the optimum of a polygon 0.05 mm smaller, which costs 0.009 % of the time."""
     least = slider_time(0.5 - GUARD, 0.3)
     errors = []
     for N in (25, 50, 100, 200):
@@ -67,8 +67,7 @@ def test_slider_follows_the_rear_edge_and_then_the_front_edge() -> None:
     np.testing.assert_allclose(x[51:, 0], 0.5, atol=2e-3)
 
 
-# --- slew on a round foot
-# ---------------------------------------------------------------------------------------------
+# --- slew on a round foot -----------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -83,8 +82,7 @@ def test_slew_on_a_round_foot_is_within_half_a_percent_of_the_quadrature(
     assert 0.0 <= error(named) <= 5e-3
 
 
-# --- double integrator
-# ------------------------------------------------------------------------------------------------
+# --- double integrator --------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import zmp_sqp as zs
-from tests.problems import paper_scene
+from benchmarks.problems.paper import paper_scene
 
 START = np.array([0.0, -np.pi / 6, -2 * np.pi / 3, np.pi / 6, -np.pi / 2])
 GOAL = START + np.array([np.pi, 0.0, 0.0, 0.0, 0.0])
@@ -61,7 +61,7 @@ def test_a_pose_that_no_payload_would_save_gets_no_such_advice() -> None:
 
 
 def test_rates_from_which_nothing_can_be_saved_are_refused_and_that_is_proven() -> None:
-    """It slews so fast that no acceleration within the limits holds the arm back from the front edge."""
+    """It slews so fast that no acceleration within limits keeps the ZMP from the front edge."""
     machine = paper_scene().load().with_limits(velocity=20.0, acceleration=2.0)
     rates = np.array([2.5, 0.0, 0.0, 0.0, 0.0])
     with pytest.raises(

@@ -13,9 +13,11 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import zmp_sqp as zs
-from tests.checks import joint_limit_excess
-from tests.planning.driving import base, paper_2_joint, retreat, retreat_problem, zmp_from_poses
-from tests.problems import PAPER_GOAL, PAPER_START, paper_scene
+from benchmarks.problems.checks import joint_limit_excess
+from benchmarks.problems.driving_checks import zmp_from_poses
+from benchmarks.problems.paper import PAPER_GOAL, PAPER_START, paper_scene
+from benchmarks.problems.terrain import unicycle_base as base
+from tests.planning.driving import paper_2_joint, retreat, retreat_problem
 from zmp_sqp.mechanics.bounds.root_bounds import root_bounds
 from zmp_sqp.mechanics.bounds.effort_bounds import wrench_curvature_bound
 from zmp_sqp.mechanics.wrench import ground_reaction
@@ -96,7 +98,7 @@ def test_boundaries_in_motion() -> None:
 
 
 def test_a_retreat_that_begins_and_ends_in_motion_keeps_the_limits_of_its_base() -> None:
-    """Arriving to the last digit once cost 1e-6 of the acceleration limit, and with it the proof."""
+    """Arriving to the last digit once cost 1e-6 of the acceleration limit, and the proof."""
     problem = retreat_problem(paper_scene(point_masses=False))
     moving = replace(problem.base, start_velocity=(0.8, 0.0), goal_velocity=(0.0, 0.0))
     plan = zs.plan(replace(problem, base=moving))

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import zmp_sqp as zs
-from tests.driving_problems import KINDS, TOLERANCES, driving_violation, random_driving_problem
+from benchmarks.problems.driving import KINDS, random_driving_problem
+from benchmarks.problems.driving_checks import TOLERANCES, driving_violation
 
 # every kind, in motion and in corridors among them
 SEEDS = (0, 2, 3, 5, 9, 10, 11, 18, 19, 22, 41, 44)

@@ -1,4 +1,4 @@
-"""Derivatives and null-space basis of the program of a machine that drives, against central differences."""
+"""Derivatives and null-space basis of the driving program, against differences."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.problems.scene import FOOTPRINT, Scene, Tree
+from benchmarks.problems.terrain import rolling_map
+from benchmarks.problems.terrain import unicycle_base as base
 from tests.checks import central_differences
-from tests.planning.driving import base, rolling_map
 from tests.planning.programs import (
     CURVATURE,
     DERIVATIVE,
@@ -21,7 +23,6 @@ from tests.planning.programs import (
     lagrangian_gradient,
     path_bounds,
 )
-from tests.problems import FOOTPRINT, Scene, Tree
 from zmp_sqp.planning.program.driving.model import DrivingModel
 from zmp_sqp.planning.program.driving.transcription import DrivingTranscription
 from zmp_sqp.planning.program.hold import CONSTANT, LINEAR, Hold, slope_ties

@@ -1,4 +1,4 @@
-"""Problems at the edges: no way to go, tiny and huge ways, few intervals, one joint, little time, many threads."""
+"""Problems at the edges: tiny and huge displacements, few intervals, little time, threads."""
 
 from __future__ import annotations
 
@@ -10,17 +10,11 @@ import numpy as np
 import pytest
 
 import zmp_sqp as zs
-from tests.checks import check_feasibility
-from tests.problems import (
-    PAPER_GOAL,
-    PAPER_START,
-    NamedProblem,
-    double_integrator,
-    paper_1,
-    paper_scene,
-    random_problem,
-    slider,
-)
+from benchmarks.problems.arm import random_problem
+from benchmarks.problems.checks import check_feasibility
+from benchmarks.problems.paper import PAPER_GOAL, PAPER_START, paper_1, paper_scene
+from benchmarks.problems.scene import NamedProblem
+from tests.problems import double_integrator, slider
 
 SAFE = 1e-6
 
@@ -40,8 +34,7 @@ def displaced(displacement: np.ndarray, **options: int) -> NamedProblem:
     )
 
 
-# --- ways
-# -------------------------------------------------------------------------------------------------------------
+# --- ways ---------------------------------------------------------------------------------------
 
 
 def test_from_a_pose_to_itself_takes_no_time() -> None:
@@ -63,7 +56,7 @@ def test_tiny_displacements(size: float) -> None:
 
 @pytest.mark.parametrize("size", [1e-9, 1e-6, 1e-3])
 def test_tiny_displacements_where_the_zmp_is_active(size: float) -> None:
-    """The slider from near its edge: even the smallest move pushes the ZMP, so time goes with the root of the size."""
+    """From near the edge every displacement moves the ZMP: T grows with its square root."""
     named = slider(intervals=50)
     problem = named.scene.problem([0.5], [0.5 + size], intervals=50)
     plan = solved(NamedProblem("tiny", named.scene, problem, None))
@@ -109,7 +102,7 @@ def test_few_intervals_for_the_arm(intervals: int) -> None:
 
 @pytest.mark.parametrize("intervals", [2, 3, 5])
 def test_few_intervals_where_the_zmp_is_active(intervals: int) -> None:
-    """Two accelerations and a duration just do: bang-bang with the smaller of what start and end allow."""
+    """Two accelerations and a duration suffice: bang-bang at the smaller of both ends' bounds."""
     named = slider(intervals=intervals)
     plan = solved(named)
     assert named.optimum is not None
@@ -131,12 +124,11 @@ def test_more_intervals_are_no_slower_beyond_the_grid() -> None:
     assert durations[2] <= 4.503
 
 
-# --- what cannot be solved
-# --------------------------------------------------------------------------------------------
+# --- what cannot be solved ----------------------------------------------------------------------
 
 
 def hopeless() -> zs.Problem:
-    """A way round which the machine tips over at rest: the reach is locked by limits of no width but for the slew."""
+    """A slew on whose path the machine tips over at rest, with all other joints locked."""
     scene = paper_scene(point_masses=False)
     machine = scene.load()
     limits = machine.limits.updated(
@@ -162,8 +154,7 @@ def test_a_problem_without_solution_is_a_status_with_a_diagnosis_and_never_a_tra
         _ = plan.trajectory
 
 
-# --- time
-# -------------------------------------------------------------------------------------------------------------
+# --- time ---------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("budget", [1e-9, 0.02, 0.2])
@@ -204,8 +195,7 @@ def test_progress_is_told_every_iteration() -> None:
     assert len(told) == plan.iterations > 0
 
 
-# --- the same bits
-# ----------------------------------------------------------------------------------------------------
+# --- the same bits ------------------------------------------------------------------------------
 
 
 def bits(plan: zs.Plan) -> bytes:
@@ -222,7 +212,7 @@ def bits(plan: zs.Plan) -> bytes:
 
 @pytest.mark.parametrize("qp_solver", ["proxqp", "piqp"])
 def test_the_same_call_twice_gives_the_same_bits(qp_solver: str) -> None:
-    """Whatever lay in memory before: ProxQP's own sums depend on where it begins, and gave two results, 1e-13 apart."""
+    """Whatever lay in memory before: ProxQP's sums once gave two results, 1e-13 apart."""
     problem, rng = random_problem(29).problem, np.random.default_rng(0)
     first, litter = bits(zs.plan(problem, qp_solver)), []
     for _ in range(12):
@@ -234,7 +224,7 @@ def test_the_same_call_twice_gives_the_same_bits(qp_solver: str) -> None:
 
 @pytest.mark.parametrize("qp_solver", ["proxqp", "piqp"])
 def test_eight_threads_at_once_give_the_same_bits_as_one(qp_solver: str) -> None:
-    """Different problems of the same size at the same time, so that shared state would be mixed up."""
+    """Different problems of one size at one time, so that shared state would show."""
     problems = [random_problem(seed).problem for seed in (29, 63, 109, 101)]
     problems.append(paper_1().problem)
     alone = [zs.plan(problem, qp_solver) for problem in problems]

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 import zmp_sqp as zs
-from tests.checks import Oracle, check_feasibility
+from benchmarks.problems.checks import Oracle, check_feasibility
+from benchmarks.problems.paper import PAPER_GOAL, PAPER_START, paper_scene
+from benchmarks.problems.scene import Scene, Tree
 from tests.planning.conftest import planned_paper_1
-from tests.problems import PAPER_GOAL, PAPER_START, Scene, Tree, paper_scene
 
 INSIDE = 1e-6  # [m] the issue's tolerance on the ZMP
 EXACT = 1e-9  # [rad, per second] of limits and boundary conditions, in closed form
@@ -68,7 +69,7 @@ def test_paper_1_holds_the_margin_it_is_asked_for() -> None:
 
 
 def test_the_checkers_own_zmp_is_eq_5_by_differences() -> None:
-    """The oracle's inverse dynamics against second differences of positions: neither uses the library."""
+    """The oracle's inverse dynamics against second differences, both without the library."""
     rng = np.random.default_rng(4)
     scene = Scene(
         "feller_buncher",

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import zmp_sqp as zs
-from tests.problems import PAPER_GOAL, PAPER_START
+from benchmarks.problems.paper import PAPER_GOAL, PAPER_START
 
 ROOM = 0.02  # [rad] that the arm may move either way: no more than a few centimetres of ZMP
 PATIENCE = 60.0  # [s] for what takes one or three
@@ -18,7 +18,7 @@ PATIENCE = 60.0  # [s] for what takes one or three
 def test_the_motion_told_of_is_the_least_violating_not_the_fastest(
     mass: float, roll: float
 ) -> None:
-    """The paper's slew with an arm that cannot be drawn in: at any pace the tree passes over the lower track."""
+    """The paper's slew with a locked arm: at any pace the tree passes over the lower track."""
     arm = zs.load_machine("feller_buncher").joint_names[1:]
     limits = {
         "position_lower": dict(zip(arm, PAPER_START[1:] - ROOM, strict=True)),

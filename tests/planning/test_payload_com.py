@@ -1,4 +1,4 @@
-"""A payload whose centre of mass is uncertain: the corners of its box, what lies between, plans for all of it."""
+"""Uncertain centre of mass of the payload: corners of its box, points between, plans."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ BOX = np.array([0.1, 0.2, 0.5])  # [m]
 
 
 def moment(offset: Array, rate: Array, push: Array) -> Array:
-    """What a unit mass off by that adds to the moment about its frame, to second order: Newton and Euler."""
+    """Moment about its frame that a unit mass at an offset adds, to second order."""
     return np.cross(offset, np.cross(push, offset) + np.cross(rate, np.cross(rate, offset)))
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 import zmp_sqp as zs
-from tests.checks import check_feasibility
+from benchmarks.problems.arm import random_scene
+from benchmarks.problems.checks import check_feasibility
 from tests.planning.conftest import planned_random
-from tests.problems import random_scene
 
 SEEDS = range(100, 125)
 SOLVED = 1e-6  # [m, rad, per second] largest violation

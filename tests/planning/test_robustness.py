@@ -1,4 +1,4 @@
-"""Uncertain payloads and slopes: what holds at the corners holds between them, and plans are safe for all of it."""
+"""Uncertain payloads and slopes: corners, what lies between them, and plans for all."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 import zmp_sqp as zs
+from benchmarks.problems.paper import paper_scene
 from tests.checks import central_differences
-from tests.problems import paper_scene
 from zmp_sqp.arrays import Array
 from zmp_sqp.mechanics.uncertainty import leaning_corners
 from zmp_sqp.mechanics.wrench import ground_reaction
@@ -260,7 +260,7 @@ def test_without_a_payload_or_a_slope_there_is_nothing_to_be_uncertain_of() -> N
 def test_the_payload_and_the_slope_that_a_refusal_names_are_those_to_give(
     roll: float, options: dict[str, Any]
 ) -> None:
-    """As the user gives them: with all that is uncertain of them, one per cent or 0.2 degrees more is refused."""
+    """One per cent of payload, or 0.2 degrees, more than the refusal names is refused."""
     across = START + np.array([np.pi / 2, 0.0, 0.0, 0.0, 0.0])
 
     def pose(mass: float, degrees: float) -> zs.Problem:

@@ -1,4 +1,4 @@
-"""The simplified model, eqs. (7)-(11) and (20) of Song & Sharf 2020: mapping, derivatives, refusals."""
+"""The simplified model, Song & Sharf 2020, (7)-(11), (20): mapping, derivatives, refusals."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import zmp_sqp as zs
+from benchmarks.problems.paper import PAPER_GOAL, PAPER_START, paper_scene
 from tests.checks import central_differences
 from tests.planning.conftest import LEANING, TEST_2, UPRIGHT, lumped, pose
-from tests.problems import PAPER_GOAL, PAPER_START, paper_scene
 from zmp_sqp.planning import LumpedMass, simplified_coordinates
 from zmp_sqp.planning.program.model import ArmModel, extra_curvature
 from zmp_sqp.planning.program.stacked_model import StackedModel
@@ -21,8 +21,7 @@ PRINTED = 1e-5  # [m] constants known to six digits
 DERIVATIVE = 1e-6  # relative: central differences with a step of 1e-6
 
 
-# --- the mapping (7)-(11)
-# ---------------------------------------------------------------------------------------------
+# --- the mapping (7)-(11) -----------------------------------------------------------------------
 
 
 def test_the_papers_start_is_of_the_form() -> None:
@@ -30,7 +29,7 @@ def test_the_papers_start_is_of_the_form() -> None:
 
 
 def test_the_lumped_mass_is_that_of_table_1() -> None:
-    r"""Delta = m2 l2/2 + m3 (l2 + l3/2) + 2 m4 l2 + 2 m5 l2 with the tree in m5, over the sum of m1 ... m5."""
+    r"""Delta = (m2 l2/2 + m3 (l2 + l3/2) + 2 m4 l2 + 2 m5 l2) / sum m_i, the tree in m5."""
     m1, m2, m3, m4, m5, length, l4 = 5000.0, 2000.0, 1000.0, 50.0, 2600.0 + 4000.0, 3.27, 0.458
     total = m1 + m2 + m3 + m4 + m5
     delta = m2 * length / 2 + m3 * length + m3 * length / 2 + 2 * m4 * length + 2 * m5 * length
@@ -44,7 +43,7 @@ def test_the_lumped_mass_is_that_of_table_1() -> None:
 
 @pytest.mark.parametrize("attitude", [UPRIGHT, LEANING])
 def test_distance_is_where_the_slewing_mass_stands(attitude: float) -> None:
-    """Eq. (9) against the centre of mass of all that slews, from the ZMP of the standing machine on the level."""
+    """Eq. (9) against the centre of mass of all that slews, from static ZMPs."""
     machine, found = paper_scene().load(), lumped(attitude)
     booms = np.linspace(-1.3, -0.2, 7)
     q = np.array([pose(0.0, boom, attitude=attitude) for boom in booms])
@@ -84,8 +83,7 @@ def test_rate_and_acceleration_of_the_distance_are_those_of_differences_in_time(
     np.testing.assert_allclose(acceleration, (ahead - 2.0 * d + behind) / step**2, atol=1e-6)
 
 
-# --- what the planner sees
-# --------------------------------------------------------------------------------------------
+# --- what the planner sees ----------------------------------------------------------------------
 
 
 def stage_model(*, bounded: bool) -> ArmModel:
@@ -159,8 +157,7 @@ def test_without_bounds_on_the_distance_there_are_no_such_rows() -> None:
     assert model.extra_rows == model.extra(*apart(states()[0]))[0].shape[1] == 0
 
 
-# --- refusals
-# ---------------------------------------------------------------------------------------------------------
+# --- refusals -----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("name", ["slider", "slewing_crane"])

@@ -1,4 +1,4 @@
-"""Plans of the simplified model, eq. (20) of Song & Sharf 2020: held to the paper, to (7) and to the full model."""
+"""Plans of the simplified model, Song & Sharf 2020, eq. (20): paper, (7), full model."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 import zmp_sqp as zs
-from tests.checks import check_feasibility
+from benchmarks.problems.checks import check_feasibility
+from benchmarks.problems.paper import PAPER_GOAL, PAPER_START, paper_scene
+from benchmarks.problems.scene import FOOTPRINT, Scene, Tree
 from tests.planning.conftest import LEANING, TEST_2, lumped, pose
-from tests.problems import FOOTPRINT, PAPER_GOAL, PAPER_START, Scene, Tree, paper_scene
 
 EXACT = 1e-9  # [rad, m, per second] closed forms, limits and boundary conditions
 INSIDE = 1e-6  # [m] of the ZMP
@@ -23,8 +24,7 @@ BETWEEN = 1e-4  # relative: the bounds on d hold at nodes; between them d'' is n
 PAPER = 4.5  # [s]
 
 
-# --- plans
-# ------------------------------------------------------------------------------------------------------------
+# --- plans --------------------------------------------------------------------------------------
 
 
 @cache
@@ -107,8 +107,7 @@ def test_the_simplified_model_is_never_faster_than_the_full_one(seed: int) -> No
         assert simplified.duration > 1.02 * simplified.lower_bound
 
 
-# --- the paper's way: bounds on the distance
-# --------------------------------------------------------------------------
+# --- the paper's way: bounds on the distance ----------------------------------------------------
 
 
 @pytest.mark.parametrize(("velocity", "acceleration"), [(0.3, 0.3), (0.5, 0.5), (0.6, 1.0)])

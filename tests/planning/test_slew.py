@@ -7,7 +7,9 @@ import pytest
 from scipy.integrate import quad
 
 import zmp_sqp as zs
-from tests.problems import GRAVITY, PAPER_GOAL, PAPER_START, paper_scene, slew, slew_time
+from benchmarks.problems.paper import PAPER_GOAL, PAPER_START, paper_scene
+from benchmarks.problems.scene import GRAVITY
+from tests.problems import slew, slew_time
 from zmp_sqp.mechanics.wrench import ground_reaction
 from zmp_sqp.mechanics.zero_moment_point import zmp_of_wrench
 from zmp_sqp.planning.closed_forms.slew import analytic_slew, analytic_slew_duration
@@ -27,7 +29,7 @@ def crane(*, radius: float, limited: bool = False) -> zs.Machine:
 
 
 def radii(machine: zs.Machine, trajectory: zs.Trajectory) -> np.ndarray:
-    """Distances of the ZMP from the root origin, between the nodes too, from the complete wrench."""
+    """Distances of the ZMP from the root origin, between nodes too, from the full wrench."""
     _, q, v, a = trajectory.within(np.linspace(0.0, 1.0, 33))
     return np.linalg.norm(zs.zmp(machine, q, v, a, LEVEL), axis=1)
 
@@ -99,7 +101,7 @@ def test_any_number_of_intervals_keeps_the_circle_and_more_are_faster(intervals)
     ],
 )
 def test_the_sqp_agrees_on_the_same_problem(radius, limited):
-    """The SQP's foot is an inscribed 200-gon: its optimum lies between those of the two circles about its edges."""
+    """On an inscribed 200-gon the optimum lies between those of its two circles."""
     problem = slew(radius=radius, limited=limited, intervals=100).problem
     plan = zs.plan(problem, qp_solver="piqp")  # made for so many rows
     on_circle = analytic_slew_duration(problem.machine, [0.0], [np.pi], radius=radius)
@@ -112,7 +114,7 @@ def test_the_sqp_agrees_on_the_same_problem(radius, limited):
 
 
 def test_on_the_crane_s_own_polygon_the_sqp_lies_between_inscribed_and_circumscribed_circle():
-    """A 32-gon is 0.5 % smaller than its circle, rho - 1 is only 10 %: the two circles are 2.6 % apart in time."""
+    """A 32-gon is 0.5 % smaller than its circle; with rho - 1 = 0.1, T differs by 2.6 %."""
     machine = zs.load_machine("slewing_crane")
     plan = zs.plan(zs.Problem(machine, [0.0], [np.pi], intervals=100), qp_solver="piqp")
     outside = analytic_slew_duration(machine, [0.0], [np.pi], radius=1.1)
@@ -123,7 +125,7 @@ def test_on_the_crane_s_own_polygon_the_sqp_lies_between_inscribed_and_circumscr
 
 @pytest.mark.parametrize("point_masses", [True, False])
 def test_the_circle_is_that_of_the_complete_wrench(point_masses):
-    """Product of inertia for a height: then many masses, and rigid bodies, have the circle of one mass exactly."""
+    """With product of inertia for a height, many masses have the circle of one exactly."""
     machine = paper_scene(point_masses=point_masses).load()
     pose = np.array(PAPER_START)
     insight = slew_insight(machine, pose)
@@ -144,7 +146,7 @@ def test_the_crane_is_one_mass():
 
 
 def test_the_radius_changes_at_the_rate_of_equation_18():
-    """Along a motion with rate, acceleration and jerk, against differences; and growing exactly while it speeds up."""
+    """Radius of the ZMP against differences; it grows exactly while the slew speeds up."""
     step = 1e-5
     for w, alpha, jerk in np.random.default_rng(2).uniform(-2.0, 2.0, (40, 3)):
         squares = [
@@ -159,7 +161,7 @@ def test_the_radius_changes_at_the_rate_of_equation_18():
 
 
 def test_the_centre_moves_against_the_base_s_acceleration():
-    """Eq. (17): against the complete wrench with an accelerating root, which counts the mass that turns once."""
+    """Eq. (17) against the wrench with an accelerating root, which counts the mass once."""
     machine = paper_scene(point_masses=False).load()
     pose = np.array([PAPER_START])
     insight = slew_insight(machine, pose[0])

@@ -1,4 +1,4 @@
-"""Slopes that are set free shorten a motion about as much as all of them would; ways by poses that do not stand."""
+"""Slopes set free shorten a motion about as much as all would; paths by poses that tip over."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import zmp_sqp as zs
-from tests.checks import check_feasibility
-from tests.problems import FOOTPRINT, Scene, Tree
+from benchmarks.problems.checks import check_feasibility
+from benchmarks.problems.scene import FOOTPRINT, Scene, Tree
 from zmp_sqp.planning.search import planner, slopes
 
 SCENE = Scene("feller_buncher", FOOTPRINT, Tree(1976.87), roll=0.22477, pitch=0.28513)

@@ -9,12 +9,18 @@ import numpy as np
 import pytest
 
 import zmp_sqp as zs
+from benchmarks.problems.arm import HARD, random_scene
 from tests.planning.conftest import planned_random
-from tests.problems import HARD, random_scene, slew, slider
+from tests.problems import slew, slider
 
 SAME = 1e-5  # relative: two runs of the SQP that stop at the same optimum
 SLACK = 1e-5  # relative: what an inequality between two optima may miss
-SEEDS = [29, 56, 63, 121]  # of tests.problems.ORDINARY; the ZMP costs time in three of them
+SEEDS = [
+    29,
+    56,
+    63,
+    121,
+]  # of benchmarks.problems.arm.ORDINARY; the ZMP costs time in three of them
 MIRROR = np.array([-1.0, 1.0, 1.0, 1.0, -1.0])  # left and right: slew and head turn the other way
 
 
@@ -29,7 +35,7 @@ def test_the_mirrored_problem_takes_as_long(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_problem_seen_from_behind_takes_as_long(seed: int) -> None:
-    """The footprint looks the same from front and back; half a turn of the ground is half a turn of the slew."""
+    """The footprint is symmetric: half a turn of the ground is half a turn of the slew."""
     named, plan = planned_random(seed)
     scene, problem = (
         replace(named.scene, roll=-named.scene.roll, pitch=-named.scene.pitch),
@@ -52,7 +58,7 @@ def test_the_way_back_takes_as_long(seed: int) -> None:
 
 
 def test_the_slope_is_the_same_in_whatever_frame_it_is_given() -> None:
-    """A slope of pitch alone seen by a machine that stands across it: slew turned by a quarter, roll for pitch."""
+    """A pitch seen by a machine that stands across: slew by a quarter turn, roll for pitch."""
     square = ((-1.3, -1.3), (1.3, -1.3), (1.3, 1.3), (-1.3, 1.3))
     scene = replace(slew(radius=1.3, intervals=30).scene, vertices=square)
     along, across = replace(scene, pitch=0.05), replace(scene, roll=0.05)

@@ -1,4 +1,4 @@
-"""The machine drives over terrain while the arm swings: planned, certified, and recomputed by other means."""
+"""Base and arm over terrain: planned, certified, and recomputed by other means."""
 
 from __future__ import annotations
 
@@ -12,17 +12,11 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import zmp_sqp as zs
-from tests.planning.driving import (
-    LIMITS,
-    Surface,
-    base,
-    retreat,
-    retreat_problem,
-    rolling_map,
-    terrain,
-    zmp_from_poses,
-)
-from tests.problems import PAPER_GOAL, PAPER_START, paper_scene
+from benchmarks.problems.driving_checks import Surface, zmp_from_poses
+from benchmarks.problems.paper import PAPER_GOAL, PAPER_START, paper_scene
+from benchmarks.problems.terrain import BASE_LIMITS, rolling_map
+from benchmarks.problems.terrain import unicycle_base as base
+from tests.planning.driving import retreat, retreat_problem, terrain
 from zmp_sqp.mechanics.uncertainty import corners
 from zmp_sqp.motion.unicycle_motion import UnicycleMotion
 from zmp_sqp.scenario import SHIPPED, load_scenario
@@ -129,7 +123,7 @@ def test_gravity_of_an_uncertain_slope_leans_for_a_base_that_drives() -> None:
 
 
 def random_drive(seed: int) -> tuple[zs.Machine, zs.Trajectory, zs.Heightmap]:
-    """Anything that a machine's joints and base can do, over waves of any direction and grids of any resolution."""
+    """Random motions of joints and base over waves of any direction, on any grid."""
     rng, machine = np.random.default_rng([7, seed]), paper_scene(point_masses=False).load()
     waves = [
         (rng.uniform(0.0, 0.15), rng.uniform(16.0, 40.0), *rng.uniform(0.0, 6.0, 2))
@@ -200,8 +194,7 @@ def test_a_motion_over_terrain_survives_a_csv_file_with_its_ground(
         zs.trajectory_zmp(machine, read, 1.0, rolling_map(-15.0))
 
 
-# --- where no machine can drive
-# ---------------------------------------------------------------------------------------
+# --- where no machine can drive -----------------------------------------------------------------
 
 
 def problem(
@@ -304,8 +297,7 @@ def test_the_simplified_model_does_not_drive() -> None:
         replace(problem(rolling_map()), model="simplified")
 
 
-# --- scenario
-# ---------------------------------------------------------------------------------------------------------
+# --- scenario -----------------------------------------------------------------------------------
 
 
 def test_the_shipped_scenario_is_this_problem(plan: zs.Plan) -> None:
@@ -359,4 +351,4 @@ def test_heights_may_come_from_numpys_file_format(tmp_path: Path) -> None:
 
 
 def test_limits_of_the_base_are_those_of_the_helper() -> None:
-    assert LIMITS["max_speed"] == load_scenario("terrain").problem.base.max_speed
+    assert BASE_LIMITS["max_speed"] == load_scenario("terrain").problem.base.max_speed

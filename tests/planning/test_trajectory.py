@@ -36,8 +36,7 @@ def trajectory(request: pytest.FixtureRequest) -> zs.Trajectory:
     return random_trajectory(jerks=request.param)
 
 
-# --- between nodes
-# ----------------------------------------------------------------------------------------------------
+# --- between nodes ------------------------------------------------------------------------------
 
 
 def test_between_nodes_it_is_what_fine_integration_gives(trajectory: zs.Trajectory) -> None:
@@ -107,8 +106,7 @@ def test_its_arrays_cannot_be_written_to(trajectory: zs.Trajectory) -> None:
             array[0] = 1.0
 
 
-# --- files
-# ------------------------------------------------------------------------------------------------------------
+# --- files --------------------------------------------------------------------------------------
 
 
 def same_bits(one: zs.Trajectory, other: zs.Trajectory) -> bool:
@@ -352,8 +350,7 @@ def test_a_file_of_another_machine_is_refused(tmp_path: Path) -> None:
         zs.Trajectory.from_csv(edited(tmp_path), zs.load_machine("slider"))
 
 
-# --- misuse
-# -----------------------------------------------------------------------------------------------------------
+# --- misuse -------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("t", [-0.1, 100.0, np.nan, np.inf, "soon", None, [[0.1]], [0.1, -1.0]])

@@ -10,7 +10,10 @@ import pytest
 import scipy.sparse as sp
 
 import zmp_sqp as zs
-from tests.checks import Oracle, central_differences
+from benchmarks.problems.checks import Oracle
+from benchmarks.problems.paper import paper_scene
+from benchmarks.problems.scene import FOOTPRINT, Scene, Tree
+from tests.checks import central_differences
 from tests.planning.conftest import LEANING, lumped, pose
 from tests.planning.programs import (
     CURVATURE,
@@ -24,7 +27,7 @@ from tests.planning.programs import (
     lagrangian_gradient,
     path_bounds,
 )
-from tests.problems import FOOTPRINT, Scene, Tree, paper_scene, slider
+from tests.problems import slider
 from zmp_sqp.mechanics.coordinates import Coordinates
 from zmp_sqp.planning import simplified_coordinates
 from zmp_sqp.planning.program import null_space
@@ -87,7 +90,7 @@ def case(request: pytest.FixtureRequest) -> Case:
 
 
 def middle_rows(case: Case) -> slice:
-    """The control points between the interval ends: their Jacobian holds on the manifold of closed gaps alone."""
+    """Control points between interval ends: their Jacobian holds where gaps are closed."""
     third = case.nlp.layout.wrench_rows // 3
     return slice(2 * third, 3 * third)
 
@@ -196,7 +199,7 @@ def transcribed(
 
 
 def test_hessian_of_the_lagrangian(case: Case) -> None:
-    """Multipliers on everything but the middle control points, which are rows of closed gaps alone."""
+    """Multipliers on all rows but those of middle control points, which need closed gaps."""
     nlp, x, rng = case.nlp, case.point(3), np.random.default_rng(2)
     lin = nlp.linearize(x)
     z = rng.uniform(0.0, 1.0, len(lin.at.inequalities))
@@ -239,8 +242,7 @@ def test_wrench_curvature(case: Case) -> None:
     np.testing.assert_allclose(found, expected, atol=CURVATURE * float(np.abs(expected).max()))
 
 
-# --- points
-# -----------------------------------------------------------------------------------------------------------
+# --- points -------------------------------------------------------------------------------------
 
 
 def test_pack_closes_the_gaps_and_unpack_undoes_it(case: Case) -> None:
@@ -267,7 +269,7 @@ def test_arrived_meets_the_goal_to_rounding_and_leaves_a_point_alone_that_does(c
 
 
 def test_wrench_rows_are_the_distances_to_the_edges_times_the_normal_force(case: Case) -> None:
-    """(e . p - b + margin) f_z, over the weight and the reference's square, at both ends of every interval."""
+    """(e . p - b + margin) f_z over weight and reference squared, at both interval ends."""
     nlp, x = case.nlp, case.point(5)
     q, w, controls, S = nlp.unpack(x)
     T, oracle, arm = np.sqrt(S), Oracle(case.scene), nlp.model.coordinates

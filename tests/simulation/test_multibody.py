@@ -1,4 +1,4 @@
-"""MuJoCo's machine is Pinocchio's: the same mass matrix, the same bias forces, the same static ZMP."""
+"""MuJoCo's machine is Pinocchio's: mass matrix, bias forces and static ZMP are the same."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ import pinocchio as pin
 import pytest
 
 import zmp_sqp as zs
-from tests.problems import FOOTPRINT, random_scene
+from benchmarks.problems.arm import random_scene
+from benchmarks.problems.scene import FOOTPRINT
 from zmp_sqp.simulation.multibody import contact_time, multibody_spec
 
 mujoco = pytest.importorskip("mujoco")
@@ -107,7 +108,7 @@ def test_the_static_zmp_of_the_contact_forces_is_ours(seed: int) -> None:
 
 
 def test_ground_sinks_as_far_as_it_is_told_to() -> None:
-    """To a factor: MuJoCo scales a foot's spring by the inertia that it meets there, not by a quarter of the mass."""
+    """To a factor: MuJoCo scales a foot's spring by the inertia that the foot meets."""
     machine = zs.load_machine(
         "slewing_crane", support=zs.SupportPolygon([[-2, -2], [2, -2], [2, 2], [-2, 2]])
     )

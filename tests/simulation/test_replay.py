@@ -1,4 +1,4 @@
-"""What physics says of motions: ours stand, the phase plane's tips over, and excursions lift as closed forms say."""
+"""Replays: plans stand, the phase plane's motion tips over, lifts are as in closed forms."""
 
 from __future__ import annotations
 
@@ -10,8 +10,11 @@ import numpy as np
 import pytest
 
 import zmp_sqp as zs
+from benchmarks.problems.arm import HARD, ORDINARY, Recipe
+from benchmarks.problems.paper import paper_1
+from benchmarks.problems.scene import GRAVITY, NamedProblem
 from benchmarks.replay import LIFTED, run
-from tests.problems import GRAVITY, HARD, ORDINARY, SLIDER_HEIGHT, NamedProblem, Recipe, paper_1
+from tests.problems import SLIDER_HEIGHT
 
 pytestmark = pytest.mark.physics
 
@@ -76,7 +79,7 @@ def test_the_phase_plane_tips_the_papers_machine_over_and_ours_does_not(point_ma
 
 
 def test_a_margin_keeps_load_on_the_upper_track() -> None:
-    """With the ZMP 0.1 m inside, the other track carries 0.1 m / 3.23 m of the weight on the ground at least."""
+    """With the ZMP 0.1 m inside, the other track carries at least 0.1 / 3.23 of the weight."""
     named, planned, _ = motions(True, 0.1)
     replay = zs.replay(named.problem.machine, planned, named.problem.ground, hold=0.0)
     total = replay.loads.sum(axis=1)
@@ -99,7 +102,10 @@ def test_the_zmp_of_the_contact_forces_is_ours_in_motion_too() -> None:
 
 @pytest.mark.parametrize("time", [0.05, 0.1, 0.2])
 def test_a_push_past_the_edge_lifts_as_a_rocking_body_does(time: float) -> None:
-    r"""theta'' = (m h a - (m + M) g L) / (m (L^2 + h^2) + I_m + M L^2 + I_M), masses in the middle, lift 2 L theta."""
+    r"""Rocking of two masses in the middle of the foot, lift = 2 L theta.
+
+    theta'' = (m h a - (m + M) g L) / (m (L^2 + h^2) + I_m + M L^2 + I_M).
+    """
     half, a, m, base = 0.5, 4.0, 1000.0, 100.0
     machine, trajectory = push(a, time)
     moment = m * SLIDER_HEIGHT * a - (m + base) * GRAVITY * half
@@ -134,8 +140,7 @@ def test_margin_and_physics_agree_but_for_short_excursions(recipe: Recipe, seed:
         assert row["margin"] < 0.0 or row["lift"] < STANDS, row
 
 
-# --- what is refused
-# --------------------------------------------------------------------------------------------------
+# --- what is refused ----------------------------------------------------------------------------
 
 
 def test_a_missing_engine_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch) -> None:

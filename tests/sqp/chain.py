@@ -1,4 +1,4 @@
-"""A double integrator that swings past an obstacle: a small program with stages, with and without a basis."""
+"""A double integrator with a ceiling: a small staged program, with and without a basis."""
 
 from __future__ import annotations
 
@@ -13,16 +13,18 @@ __all__ = ["Chain"]
 
 Array = np.ndarray
 RATE_WEIGHT = 0.1
-CEILING = 0.6  # of p + BEND p^2 at the nodes, which a motion of least effort would exceed
+CEILING = 0.6  # for p + BEND p^2 at the nodes; without it the optimum would be above
 BEND = 0.3
 
 
 @dataclass(frozen=True, eq=False)
 class Chain:
-    """x = (p_0..p_N, v_0..v_N, u_0..u_{N-1}): least effort from rest at 0 to rest at 1/2, starting off with v_0 = 3.
+    """Least effort from rest at 0 to rest at 1/2, with v_0 = 3.
 
-    The first equalities are the first state and the gaps, the last two the goal. With `condenses` a
-    basis comes along.
+    x = (p_0..p_N, v_0..v_N, u_0..u_{N-1}).
+
+    The equalities are the first state, the gaps, and the goal (the last two). With `condenses` the
+    linearisation has a null-space basis.
     """
 
     N: int = 12

@@ -1,9 +1,9 @@
-"""Textbook programs with their published optimum: no machine in sight.
+"""Textbook programs with their published optimum, to test the SQP without a machine.
 
-Numbers and formulas: W. Hock, K. Schittkowski, Test Examples for Nonlinear Programming Codes,
-    Lecture Notes in
-Economics and Mathematical Systems 187, Springer 1981 ("HS"). There g(x) >= 0, here c = -g <= 0.
-Gradients are complex steps, exact to rounding; Hessians are central differences of them.
+Numbers and formulas are those of W. Hock, K. Schittkowski, Test Examples for Nonlinear Programming
+Codes, Lecture Notes in Economics and Mathematical Systems 187, Springer 1981 ("HS"). There
+g(x) >= 0, here c = -g <= 0. Gradients are by complex steps, exact to rounding; Hessians are central
+differences of the gradients.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ class Textbook:
         start: The book's starting point.
         optimum: The book's f(x*).
         objective: f.
-        equalities: c_E, a list of values; all treated as nonlinear.
-        inequalities: Nonlinear c_I, a list of values, feasible iff <= 0.
-        linear: Linear c_I, likewise.
+        equalities: c_E, a list of values; all are treated as nonlinear.
+        inequalities: Nonlinear c_I, a list of values, feasible where <= 0.
+        linear: Linear c_I, a list of values, feasible where <= 0.
         lower, upper: Bounds of the variables, infinite where there are none.
         evaluations: Every point that was evaluated.
     """
@@ -85,13 +85,13 @@ class Textbook:
         )
 
     def hessian(self, x: Array, y: Array, z: Array, *, convex: bool) -> sp.csr_array:
-        def slope(x: Array) -> Array:
+        def gradient(x: Array) -> Array:
             parts = (self._objective, self._equalities, self._inequalities)
             f, A, C = (self._jacobian(part, x) for part in parts)
             return f[0] + y @ A + z @ C
 
         steps = CENTRAL_STEP * np.eye(len(x))
-        H = np.array([(slope(x + d) - slope(x - d)) / (2.0 * CENTRAL_STEP) for d in steps])
+        H = np.array([(gradient(x + d) - gradient(x - d)) / (2.0 * CENTRAL_STEP) for d in steps])
         H = 0.5 * (H + H.T)
         if convex and np.isfinite(H).all():
             values, vectors = np.linalg.eigh(H)
@@ -296,9 +296,9 @@ HOCK_SCHITTKOWSKI = (
     ),
 )
 
-# Nocedal & Wright 2006, example 15.4: from a point of the circle the full step, which is excellent,
-# raises both the objective and the violation, so that every penalty function refuses it. The
-# minimum is (1, 0).
+# Nocedal & Wright 2006, example 15.4. From a point of the circle the full step brings x much closer
+# to the minimum (1, 0), but raises objective and violation, so that every merit function refuses
+# it.
 MARATOS = Textbook(
     "Maratos",
     (np.cos(0.8), np.sin(0.8)),

@@ -1,4 +1,4 @@
-"""The active-set method that finishes QPs: exact, indifferent to the digits of its guess, and no wrong answer."""
+"""The active-set method: exact, insensitive to rounding of its guess, never a wrong answer."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def test_a_variable_pressed_hard_against_its_rows_keeps_its_digits() -> None:
 
 
 def test_many_equalities_keep_their_multipliers() -> None:
-    """DAQP reduces them away where they are many, and forgets their multipliers: that is switched off."""
+    """DAQP eliminates many equalities and forgets their multipliers: that is switched off."""
     qp = random_qp(0, variables=8, equalities=8, rows=5)
     found = ActiveSetMethod(qp).solve(empty_guess(qp), most_pivots=PIVOTS)
     assert found is not None
@@ -105,7 +105,7 @@ def test_without_rows_it_is_a_linear_system() -> None:
 
 
 def test_no_random_program_gets_a_wrong_answer() -> None:
-    """Duplicate, opposite and empty rows, dependent and too many equalities, no Hessian, no way out."""
+    """Duplicate, opposite, empty and dependent rows, no Hessian, no feasible point."""
     rng, solved = np.random.default_rng(3), 0
     backend = make_backend("proxqp")
     for _ in range(400):

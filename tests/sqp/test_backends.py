@@ -27,7 +27,7 @@ RELIABLE = tuple(name for name in BACKENDS if name != "qpsolvers:proxqp")
 
 
 def random_qp(seed: int, *, variables: int = 30, equalities: int = 4, rows: int = 60) -> QP:
-    """Feasible by construction, with one-sided, two-sided and sideless rows, some of them active."""
+    """Feasible by construction; rows are one-sided, two-sided, sideless, some active."""
     rng = np.random.default_rng(seed)
     root = rng.standard_normal((variables, variables)) / np.sqrt(variables)
     A, C = rng.standard_normal((equalities, variables)), rng.standard_normal((rows, variables))
@@ -174,7 +174,7 @@ def test_a_warm_start_that_is_far_off_does_no_harm() -> None:
 
 
 def test_a_multiplier_far_from_its_bound_is_not_called_solved() -> None:
-    """ProxQP without its duality gap stopped 4e-5 short of the bound that its multiplier pushed against."""
+    """Without its duality-gap check ProxQP once stopped 4e-5 before a bound that is active."""
     qp = QP(
         np.eye(2),
         np.array([-0.02, -2.0]),

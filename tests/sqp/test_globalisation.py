@@ -44,7 +44,7 @@ def solve(problem: Textbook, **settings: float) -> SQPResult:
 
 
 def test_the_maratos_effect_is_undone_by_a_second_order_correction() -> None:
-    """The full step to 1e-2 of the minimum raises objective and violation: only its correction is accepted."""
+    """The full step near the minimum raises objective and violation: only corrected it passes."""
     theta = 0.1
     start = replace(MARATOS, start=(np.cos(theta), np.sin(theta)))
     result = solve(start)
@@ -174,7 +174,7 @@ def test_a_hessian_that_is_not_finite_only_where_curvature_counts_costs_curvatur
 
 
 def test_a_linear_objective_without_curvature_is_no_obstacle() -> None:
-    """HS39's first QP has no minimum but for the floor on its Hessian: damping makes it one that can be solved."""
+    """HS39's first QP is unbounded but for the floor on its Hessian; damping helps."""
     for backend in ("proxqp", "piqp", "qpsolvers:daqp"):
         result = SQP(make_backend(backend)).minimize(named("HS39"), named("HS39").x0)
         assert result.status.name == "OPTIMAL"

@@ -65,7 +65,7 @@ def test_a_far_start_ends_at_a_feasible_point_or_where_the_violation_is_stationa
 
 
 def decrease_of_violation(problem: Textbook, x: np.ndarray, *, radius: float) -> float:
-    """How far a step within the box can lower the largest linearised nonlinear inequality: a linear program."""
+    """How far a step in the box can lower the largest linearised inequality, by an LP."""
     lin = problem.linearize(x)
     relaxed = -problem.nonlinear_rows.astype(float)[:, None]
     found = linprog(

@@ -61,7 +61,7 @@ def test_a_wrong_multiplier_shows_in_the_dual_residual() -> None:
 
 
 def test_a_multiplier_on_a_row_that_is_not_active_shows_as_complementarity() -> None:
-    """x = 1.25 with multipliers that make it stationary: feasible, but the row that pushes is a quarter away."""
+    """x = 1.25 is stationary and feasible, but the row with a multiplier is 0.25 away."""
     inside = QPSolution(
         np.array([1.25, 0.75]), np.array([0.25]), np.array([1.5, 0.0]), True, 1, "by hand"
     )

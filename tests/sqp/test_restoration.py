@@ -1,4 +1,4 @@
-"""Steps where nothing is left to optimise: the shortest ones, by a second solver, and None where there are none."""
+"""Shortest steps where nothing is left to optimise, by a second solver; None if none."""
 
 from __future__ import annotations
 

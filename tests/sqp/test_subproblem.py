@@ -189,7 +189,7 @@ def test_rounds_that_end_before_all_rows_are_met_are_not_a_solution(
 
 
 def test_a_basis_with_fewer_directions_than_the_gaps_leave_is_never_solved_whole() -> None:
-    """Ties between controls stand in the basis alone, so that the sparse QP would be another one."""
+    """Ties between controls are in the basis alone: the sparse QP would be another one."""
     from dataclasses import replace
 
     chain = Chain()
