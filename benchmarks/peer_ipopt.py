@@ -46,7 +46,7 @@ from benchmarks.peer_problems import peer_problem
 from benchmarks.peer_transcription import Peer, PeerMotion, by_way_of
 from benchmarks.problems.checks import check_feasibility
 from benchmarks.problems.scene import NamedProblem
-from zmp_sqp.planning.search import planner
+from zmp_sqp.sqp.solver import SQP
 
 __all__ = ["ours", "peered", "planned"]
 
@@ -79,7 +79,7 @@ class SqpRun(NamedTuple):
 
 def ours(named: NamedProblem) -> tuple[zs.Plan, Row, PeerMotion, list[SqpRun]]:
     """Plan, its columns, the initial guess, and the SQP runs that made the plan."""
-    minimize, runs, guesses = planner.SQP.minimize, [], []
+    minimize, runs, guesses = SQP.minimize, [], []
 
     def recorded(sqp: Any, nlp: Any, x: np.ndarray) -> Any:
         q, w, controls, S = nlp.unpack(x)
@@ -89,7 +89,7 @@ def ours(named: NamedProblem) -> tuple[zs.Plan, Row, PeerMotion, list[SqpRun]]:
         runs.append(SqpRun(result.status.name, len(result.history), duration))
         return result
 
-    with mock.patch.object(planner.SQP, "minimize", recorded):
+    with mock.patch.object(SQP, "minimize", recorded):
         plan, row = timed_plan(named.problem)
     return plan, row, guesses[0], runs
 

@@ -14,10 +14,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Iterator, Mapping
-from contextlib import ExitStack, contextmanager
-from typing import Any
-from unittest import mock
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -34,19 +31,19 @@ from benchmarks.harness import (
 )
 from benchmarks.problems.arm import random_problem
 from benchmarks.problems.paper import paper_1
-from zmp_sqp.planning.search import planner
+from zmp_sqp.planning.search.explore import explore
+from zmp_sqp.planning.search.prove import prove
+from zmp_sqp.planning.search.refine import refine
+from zmp_sqp.planning.search.run import Runs
+from zmp_sqp.planning.search.single_thread import one_blas_thread
+from zmp_sqp.planning.search.task import task_of
 from zmp_sqp.scenario import load_scenario
 
 BACKENDS = ("proxqp", "piqp", "qpsolvers:piqp", "qpsolvers:daqp", "qpsolvers:clarabel")
 SLOWED_BY_TIPPING = (29, 121)  # seeds of ORDINARY whose duration is above the joints' lower bound
 # [F] most that a scenario may take with the default QP solver
 ASKED = {"paper_1": 100.0, "paper_1_simplified": 60.0, "retreat": 300.0}
-PHASES = {  # functions of the planner by the phase they make up
-    "initial guess": (planner, "initial_guess"),
-    "transcription": (planner, "Transcription"),
-    "certificate": (planner, "certify_for"),
-    "SQP": (planner.SQP, "minimize"),
-}
+PHASES = ("formulate", "explore", "refine", "prove")  # the planner's steps
 COLUMNS = (
     "problem",
     "QP solver",
@@ -101,38 +98,22 @@ def calls(problem: zs.Problem, qp_solver: str, repeats: int) -> tuple[np.ndarray
     return np.array(rows), plan
 
 
-@contextmanager
-def phase_times() -> Iterator[dict[str, float]]:
-    """Processor time spent in each of `PHASES` while plans are made inside the context [s].
-
-    The functions of the planner are replaced by ones that measure, and put back afterwards.
-    """
-    spent = dict.fromkeys(PHASES, 0.0)
-
-    def measuring(name: str, function: Any) -> Any:
-        def call(*given: Any, **named: Any) -> Any:
-            result, took = timed(lambda: function(*given, **named))
-            spent[name] += took.processor
-            return result
-
-        return call
-
-    with ExitStack() as stack:
-        for name, (owner, attribute) in PHASES.items():
-            replacement = measuring(name, getattr(owner, attribute))
-            stack.enter_context(mock.patch.object(owner, attribute, replacement))
-        yield spent
+def step_times(problem: zs.Problem) -> dict[str, float]:
+    """Processor time of each of the planner's steps, called one after the other [s]."""
+    runs = Runs.start(problem, "proxqp", None, None)
+    with one_blas_thread():
+        task, formulated = timed(lambda: task_of(problem))
+        found, explored = timed(lambda: explore(task, runs))
+        refined, refining = timed(lambda: refine(task, found, runs))
+        _, proven = timed(lambda: prove(task, refined, runs))
+    steps = (formulated, explored, refining, proven)
+    return {name: took.processor for name, took in zip(PHASES, steps, strict=True)}
 
 
 def phases(problem: zs.Problem, repeats: int) -> dict[str, float]:
-    """Processor time of a plan by phase, medians [s]."""
-    samples: dict[str, list[float]] = {name: [] for name in (*PHASES, "rest")}
-    for _ in range(repeats):
-        with phase_times() as spent:
-            _, took = timed(lambda: zs.plan(problem))
-        for name, seconds in {**spent, "rest": took.processor - sum(spent.values())}.items():
-            samples[name].append(seconds)
-    return {name: float(np.median(times)) for name, times in samples.items()}
+    """Processor time of a plan by step, medians [s]."""
+    samples = [step_times(problem) for _ in range(repeats)]
+    return {name: float(np.median([sample[name] for sample in samples])) for name in PHASES}
 
 
 def scenarios_in_F(repeats: int) -> dict[str, float]:

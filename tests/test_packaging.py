@@ -54,14 +54,25 @@ LAYERS = {  # what a wing may import besides itself and the foundation
     "zmp_sqp.mechanics": (),
     "zmp_sqp.sqp": (),
     "zmp_sqp.motion": ("zmp_sqp.mechanics",),
-    "zmp_sqp.planning.problem": ("zmp_sqp.mechanics", "zmp_sqp.motion"),
+    "zmp_sqp.planning.constraints": ("zmp_sqp.mechanics", "zmp_sqp.motion"),
+    "zmp_sqp.planning.problem": (
+        "zmp_sqp.mechanics",
+        "zmp_sqp.motion",
+        "zmp_sqp.planning.constraints",
+    ),
     "zmp_sqp.planning.program": (
         "zmp_sqp.mechanics",
         "zmp_sqp.motion",
         "zmp_sqp.sqp",
+        "zmp_sqp.planning.constraints",
         "zmp_sqp.planning.problem",
     ),
-    "zmp_sqp.planning.proof": ("zmp_sqp.mechanics", "zmp_sqp.motion", "zmp_sqp.planning.problem"),
+    "zmp_sqp.planning.proof": (
+        "zmp_sqp.mechanics",
+        "zmp_sqp.motion",
+        "zmp_sqp.planning.constraints",
+        "zmp_sqp.planning.problem",
+    ),
     "zmp_sqp.planning.closed_forms": (
         "zmp_sqp.mechanics",
         "zmp_sqp.motion",

@@ -33,6 +33,8 @@ from zmp_sqp.planning import (
     Certificate,
     Diagnosis,
     DistanceLimits,
+    Guarantee,
+    PathConstraint,
     Plan,
     Problem,
     SlewInsight,
@@ -51,6 +53,8 @@ from zmp_sqp.planning import (
     slew_insight,
     trajectory_zmp,
 )
+from zmp_sqp.planning.constraints import registry as _registry
+from zmp_sqp.planning.constraints.registry import *
 from zmp_sqp.simulation import Replay, replay
 
 __version__ = "0.1.0"
@@ -62,12 +66,14 @@ __all__ = [
     "Diagnosis",
     "DistanceLimits",
     "Ground",
+    "Guarantee",
     "Heightmap",
     "JointLimits",
     "Machine",
     "MachineError",
     "MissingExtra",
     "NotSolved",
+    "PathConstraint",
     "Payload",
     "Plan",
     "Problem",
@@ -101,3 +107,4 @@ __all__ = [
     "trajectory_zmp",
     "zmp",
 ]
+__all__ += _registry.names()

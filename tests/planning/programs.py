@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-import zmp_sqp as zs
-from benchmarks.problems.scene import GRAVITY
 from tests.checks import central_differences
+from zmp_sqp.planning.constraints.protocol import ConstraintRows, StageModel
+from zmp_sqp.planning.constraints.tip_over import Contact, TipOverRows
 from zmp_sqp.planning.program.driving.transcription import DrivingTranscription
+from zmp_sqp.planning.program.rows import BoundConstraints, CornerRows, StageRows
 from zmp_sqp.planning.program.transcription import PathBounds, Transcription
 
 __all__ = [
@@ -24,6 +26,7 @@ __all__ = [
     "closed",
     "lagrangian_gradient",
     "path_bounds",
+    "stage_rows",
 ]
 
 Program = Transcription | DrivingTranscription
@@ -34,16 +37,24 @@ N = 4
 REFERENCE = 2.3  # [s]
 
 
-def path_bounds(machine: zs.Machine, n: int, *, lower: float, upper: float) -> PathBounds:
+def stage_rows(*models: StageModel, others: Sequence[ConstraintRows] = ()) -> StageRows:
+    """Rows of tip-over with 0.05 m of margin and of contact, one corner per model, then others."""
+    corners = []
+    for model in models:
+        contact = Contact().rows(model.machine, model.coordinates)
+        rows = (("tip_over", TipOverRows.of(model.machine, 0.05)), ("contact", contact))
+        corners.append(CornerRows(model, rows))
+    common = tuple(("other", rows) for rows in others)
+    return StageRows(BoundConstraints(tuple(corners), common), REFERENCE)
+
+
+def path_bounds(n: int, *, lower: float, upper: float) -> PathBounds:
     """Bounds of n coordinates, of the order of magnitude of the tests' points."""
-    assert machine.support is not None
     return PathBounds(
         position_lower=np.full(n, lower),
         position_upper=np.full(n, upper),
         velocity=np.full(n, 0.8),
         acceleration=np.linspace(1.0, 1.6, n),
-        wrench_rows=machine.support.wrench_rows(0.05),
-        weight=machine.mass * GRAVITY,
         least_duration=1.0,
     )
 

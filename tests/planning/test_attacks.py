@@ -18,7 +18,7 @@ from benchmarks.problems.terrain import unicycle_base as base
 from tests.planning.driving import retreat
 from zmp_sqp.motion.unicycle_motion import UnicycleMotion
 from zmp_sqp.planning.proof import path_error
-from zmp_sqp.planning.proof.base_check import ARRIVAL, CORRIDOR, corridor_excess
+from zmp_sqp.planning.proof.base_check import ARRIVAL, BOUNDS_TOLERANCE, position_room
 from zmp_sqp.planning.search.messages import failure_message
 
 GRID = np.arange(-6.0, 6.01, 0.1)
@@ -145,7 +145,7 @@ def test_bounds_of_a_base_hold_between_the_nodes_too(intervals: int) -> None:
     assert zs.certify(machine, motion, ground, base=roomy).limits_ok
     planned = arc(intervals, y_bounds=(-1.0, 0.7 * top))
     assert planned.success, planned.message
-    assert furthest(planned.trajectory) <= 0.7 * top + CORRIDOR
+    assert furthest(planned.trajectory) <= 0.7 * top + BOUNDS_TOLERANCE
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -164,9 +164,9 @@ def test_the_excess_over_a_bound_is_that_of_the_unicycle_integrated_by_other_mea
     high, low = float(y.max()), float(y.min())
     for side, bounds in ((high, (-100.0, high - 1e-3)), (-low, (low + 1e-3, 100.0))):
         if side > 1e-2:  # the start lies within
-            excess, _, axis = corridor_excess(base(goal=(0.0, 0.0, 0.0), y_bounds=bounds), motion)
-            assert axis == 1
-            assert 1e-3 - 1e-8 <= excess <= 1e-3 + 1e-6
+            least = position_room(base(goal=(0.0, 0.0, 0.0), y_bounds=bounds), motion)
+            assert least.row % 2 == 1
+            assert 1e-3 - 1e-8 <= -least.guaranteed <= 1e-3 + 1e-6
 
 
 def test_bounds_of_a_base_hold_over_terrain_too() -> None:
@@ -181,7 +181,7 @@ def test_bounds_of_a_base_hold_over_terrain_too() -> None:
         assert kept or 1e-4 <= found.limit_excess <= 1.5e-4
     planned = arc(10, rolling_map(-10.0), y_bounds=(-1.0, 0.7 * truly))
     assert planned.success, planned.message
-    assert furthest(planned.trajectory) <= 0.7 * truly + CORRIDOR
+    assert furthest(planned.trajectory) <= 0.7 * truly + BOUNDS_TOLERANCE
 
 
 def test_a_motion_from_elsewhere_arrives_where_a_plan_has_to() -> None:
@@ -219,15 +219,20 @@ def test_a_goal_across_the_heading_is_reached_or_said_to_be_out_of_reach() -> No
 
 def test_a_violation_below_a_millimetre_is_not_called_zero() -> None:
     _, plan = retreat()
-    near = replace(
-        plan.certificate, margin=plan.problem.margin - 2e-5, sampled=plan.problem.margin - 1e-5
-    )
+    certificate, margin = plan.certificate, plan.problem.margin
+    short = replace(certificate.tip_over, value=margin - 2e-5)
+    others = tuple(found for found in certificate.guarantees if found.name != "tip_over")
+    near = replace(certificate, guarantees=(short, *others), sampled=margin - 1e-5)
     message = failure_message(plan.problem, zs.Status.TIME_BUDGET, near)
     assert "by 0.02 mm" in message
     assert "0.000" not in message
-    over = replace(plan.certificate, limits_ok=False, fault="exceeds a joint limit by 0.3")
+    fast = zs.Guarantee("joint_limits", "slew velocity", -0.3, "rad/s", 1.2, "", proven=True)
+    others = tuple(found for found in certificate.guarantees if found.name != "joint_limits")
+    over = replace(certificate, guarantees=(*others, fast))
     message = failure_message(plan.problem, zs.Status.TIME_BUDGET, over)
-    assert message.endswith("The last motion looked at exceeds a joint limit by 0.3.")
+    assert message.endswith(
+        "The last motion looked at exceeds the velocity limit of joint 'slew' by 0.3 rad/s at 1.20 s."
+    )
 
 
 def spin(yaw_rate: float, speed: float, *, steps: int = 10) -> zs.Trajectory:

@@ -22,9 +22,11 @@ from tests.planning.conftest import planned_paper_1
 from tests.problems import slider
 from zmp_sqp.mechanics.bounds.effort_bounds import wrench_curvature_bound, wrench_size_bound
 from zmp_sqp.motion.unicycle_motion import UnicycleMotion
+from zmp_sqp.planning.constraints import tip_over
 from zmp_sqp.planning.problem.unicycle_base import UnicycleBase
-from zmp_sqp.planning.proof import certificate as module
+from zmp_sqp.planning.proof import corner_motion
 from zmp_sqp.planning.proof.limits_in_time import limit_excess
+from zmp_sqp.planning.proof.subdivision import ROUNDING as TAKEN_OFF
 
 Array = np.ndarray
 
@@ -196,16 +198,25 @@ def test_the_guaranteed_margin_is_below_every_sample_and_close_to_the_least(
         assert found.margin >= found.sampled - LOOSE, seed
 
 
+def look_at_whole_intervals(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let certificates take each interval as one stretch, and leave its bound as loose as it is."""
+    for module, constant, value in (
+        (corner_motion, "STRETCHES", 1),
+        (corner_motion, "LONGEST", np.inf),
+        (tip_over, "RESOLUTION", 1e300),
+    ):
+        monkeypatch.setattr(module, constant, value)
+
+
 @pytest.mark.parametrize("name", MACHINES)
 def test_the_interpolation_error_is_bounded_over_a_single_stretch_of_any_length(
     name: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for constant, value in (("STRETCHES", 1), ("LONGEST", np.inf), ("LOOSE", np.inf)):
-        monkeypatch.setattr(module, constant, value)
+    look_at_whole_intervals(monkeypatch)
     informative = 0
     for seed, (speed, length) in enumerate(product((0.1, 1.0, 10.0), np.geomspace(0.01, 1.0, 12))):
         case = random_case(name, speed, seed, steps=np.array([length / speed]))
-        found = module.certify(case.machine, case.trajectory, case.ground, margin=-1e9)
+        found = zs.certify(case.machine, case.trajectory, case.ground, margin=-1e9)
         if found.margin == -np.inf:
             continue
         least = least_sampled(case, samples=400)
@@ -364,8 +375,7 @@ def test_a_coordinate_that_is_known_to_some_digits_only_costs_margin(turns: floa
 
 def test_gravity_of_any_strength_is_in_the_bound(monkeypatch: pytest.MonkeyPatch) -> None:
     """On a ground of their own people may put any gravity; here it decides the curvature alone."""
-    for constant, value in (("STRETCHES", 1), ("LONGEST", np.inf), ("LOOSE", np.inf)):
-        monkeypatch.setattr(module, constant, value)
+    look_at_whole_intervals(monkeypatch)
 
     class Heavy:
         def gravity(self, yaw: float = 0.0) -> Array:
@@ -373,7 +383,7 @@ def test_gravity_of_any_strength_is_in_the_bound(monkeypatch: pytest.MonkeyPatch
 
     machine = machine_of("slider")
     trajectory = integrated(machine, [0.0, 1.0], [0.0], [4.0], [[-8.0]])  # there and back: 1 m
-    found = module.certify(machine, trajectory, Heavy(), margin=-1e9)
+    found = zs.certify(machine, trajectory, Heavy(), margin=-1e9)
     assert found.margin <= margins(machine, *trajectory([0.5]), Heavy().gravity())[0]
 
 
@@ -446,16 +456,16 @@ def test_a_long_motion_takes_no_more_states_than_the_limit(
     duration: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     looked_at = []
-    inner = module.ground_reaction
+    inner = corner_motion.efforts
     monkeypatch.setattr(
-        module,
-        "ground_reaction",
+        corner_motion,
+        "efforts",
         lambda m, q, *rest, **more: looked_at.append(len(q)) or inner(m, q, *rest, **more),
     )
     machine = machine_of("slewing_crane")
     trajectory = integrated(machine, [0.0, duration], [0.0], [1e-3 / duration], [[0.0]])
-    found = module.certify(machine, trajectory, LEVEL)
-    assert sum(looked_at) <= 1.1 * module.FIRST
+    found = zs.certify(machine, trajectory, LEVEL)
+    assert sum(looked_at) <= 1.1 * corner_motion.FIRST
     assert found.margin == pytest.approx(found.sampled, abs=LOOSE)
 
 
@@ -474,7 +484,7 @@ def test_a_motion_of_no_duration_has_the_margin_of_its_state(nodes: int) -> None
         machine, zs.Trajectory(machine.joint_names, np.zeros(nodes), rest, rest, rest[1:]), LEVEL
     )
     static = margins(machine, rest[:1], rest[:1], rest[:1], LEVEL.gravity())[0]
-    assert static - 2.0 * module.ROUNDING <= found.margin <= static
+    assert static - 2.0 * TAKEN_OFF <= found.margin <= static
 
 
 # --- joint limits -------------------------------------------------------------------------------
@@ -605,12 +615,11 @@ def test_the_guarantee_holds_while_the_base_drives_and_turns(speed: float) -> No
 def test_the_interpolation_error_is_bounded_over_a_single_stretch_of_a_driving_base(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    for constant, value in (("STRETCHES", 1), ("LONGEST", np.inf), ("LOOSE", np.inf)):
-        monkeypatch.setattr(module, constant, value)
+    look_at_whole_intervals(monkeypatch)
     informative = 0
     for seed, (speed, length) in enumerate(product((0.1, 1.0, 5.0), np.geomspace(0.01, 0.5, 12))):
         case = driving_case(seed, speed, np.array([length / max(speed, 1.0)]))
-        found = module.certify(case.machine, case.trajectory, case.ground, margin=-1e9)
+        found = zs.certify(case.machine, case.trajectory, case.ground, margin=-1e9)
         informative += np.isfinite(found.margin) and found.sampled - found.margin > 1e-6
         assert is_below(found.margin, least_driving(case, samples=200)), seed
     assert informative >= 5

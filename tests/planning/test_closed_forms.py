@@ -11,7 +11,7 @@ import zmp_sqp as zs
 from benchmarks.problems.checks import check_feasibility
 from benchmarks.problems.scene import NamedProblem
 from tests.problems import double_integrator, slew, slider, slider_time
-from zmp_sqp.planning.search.planner import GUARD
+from zmp_sqp.planning.constraints.tip_over import GUARD
 
 INSIDE = 1e-6
 

@@ -18,8 +18,8 @@ from benchmarks.problems.driving_checks import zmp_from_poses
 from benchmarks.problems.paper import PAPER_GOAL, PAPER_START, paper_scene
 from benchmarks.problems.terrain import unicycle_base as base
 from tests.planning.driving import paper_2_joint, retreat, retreat_problem
-from zmp_sqp.mechanics.bounds.root_bounds import root_bounds
 from zmp_sqp.mechanics.bounds.effort_bounds import wrench_curvature_bound
+from zmp_sqp.mechanics.bounds.root_bounds import root_bounds
 from zmp_sqp.mechanics.wrench import ground_reaction
 from zmp_sqp.motion.root_motion import root_motion
 from zmp_sqp.scenario import SHIPPED, load_scenario

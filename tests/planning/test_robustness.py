@@ -15,8 +15,8 @@ from tests.checks import central_differences
 from zmp_sqp.arrays import Array
 from zmp_sqp.mechanics.uncertainty import leaning_corners
 from zmp_sqp.mechanics.wrench import ground_reaction
-from zmp_sqp.planning.program.formulation import boundaries, path_bounds, stage_model
-from zmp_sqp.planning.program.model import wrench_curvature
+from zmp_sqp.planning.program.formulation import bound_constraints, boundaries, path_bounds
+from zmp_sqp.planning.program.rows import StageRows
 from zmp_sqp.planning.program.transcription import Transcription
 
 START = np.array([0.0, -np.pi / 6, -2 * np.pi / 3, np.pi / 6, -np.pi / 2])
@@ -174,12 +174,11 @@ def test_derivatives_and_curvature_of_all_corners_at_once() -> None:
     asked = problem(intervals=3, payload_uncertainty=0.2, slope_uncertainty=0.05)
     start, goal = boundaries(asked)
     nlp = Transcription(
-        stage_model(asked),
+        StageRows(bound_constraints(asked), 5.0),
         start,
         goal,
-        path_bounds(asked, tightened=0.0),
+        path_bounds(asked),
         intervals=3,
-        reference=5.0,
     )
     rng = np.random.default_rng(2)
     x = nlp.pack(rng.normal(size=(3, 1, 5)), 20.0)
@@ -190,22 +189,18 @@ def test_derivatives_and_curvature_of_all_corners_at_once() -> None:
         lambda move: nlp.evaluate(x + Z @ move).inequalities, np.zeros(Z.shape[1])
     )
     np.testing.assert_allclose(lin.C @ Z, slopes, atol=1e-6 * max(1.0, float(np.abs(slopes).max())))
-    model, n = stage_model(asked), 5
-    at, weights = rng.normal(size=3 * n + 1), rng.normal(size=6 * len(model.parts))
-    weights[:6] = 0.0  # a corner that does not matter
+    rows, n = nlp.rows, 5
+    at, weights = rng.normal(size=3 * n + 1), rng.normal(size=rows.count)
+    weights[:5] = 0.0  # a corner that does not matter
     at[-1] = 20.0
 
-    def gradient(y: Array) -> Array:
-        return (
-            weights
-            @ model.wrench_derivatives(y[None, :n], y[None, n : 2 * n], y[None, 2 * n : -1], y[-1])[
-                1
-            ][0]
-        )
+    def parts(y: Array) -> tuple[Array, Array, Array, float]:
+        return y[None, :n], y[None, n : 2 * n], y[None, 2 * n : -1], float(y[-1])
 
-    H = wrench_curvature(
-        model, at[None, :n], at[None, n : 2 * n], at[None, 2 * n : -1], at[-1], weights[None]
-    )[0]
+    def gradient(y: Array) -> Array:
+        return weights @ rows.linearize(*parts(y))[1][0]
+
+    H = rows.curvature(*parts(at), weights[None])[0]
     expected = central_differences(gradient, at)
     np.testing.assert_allclose(H, expected, atol=1e-5 * float(np.abs(expected).max()))
 

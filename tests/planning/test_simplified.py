@@ -12,9 +12,11 @@ import zmp_sqp as zs
 from benchmarks.problems.paper import PAPER_GOAL, PAPER_START, paper_scene
 from tests.checks import central_differences
 from tests.planning.conftest import LEANING, TEST_2, UPRIGHT, lumped, pose
-from zmp_sqp.planning import LumpedMass, simplified_coordinates
-from zmp_sqp.planning.program.model import ArmModel, extra_curvature
-from zmp_sqp.planning.program.stacked_model import StackedModel
+from zmp_sqp.planning import simplified_coordinates
+from zmp_sqp.planning.constraints.protocol import ConstraintRows, StageSample
+from zmp_sqp.planning.program.formulation import bound_constraints
+from zmp_sqp.planning.program.model import ArmModel
+from zmp_sqp.planning.program.rows import StageRows
 
 EXACT = 1e-9  # [rad, m, per second] closed forms, limits and boundary conditions
 PRINTED = 1e-5  # [m] constants known to six digits
@@ -86,11 +88,14 @@ def test_rate_and_acceleration_of_the_distance_are_those_of_differences_in_time(
 # --- what the planner sees ----------------------------------------------------------------------
 
 
-def stage_model(*, bounded: bool) -> ArmModel:
+def stage_model() -> ArmModel:
     machine = TEST_2.load()
     coordinates = simplified_coordinates(machine, PAPER_START)
-    bounds = (LumpedMass.of(machine, coordinates), zs.DistanceLimits(0.7, 0.9)) if bounded else None
-    return ArmModel(machine, TEST_2.ground.gravity(), coordinates, bounds)
+    return ArmModel(machine, TEST_2.ground.gravity(), coordinates)
+
+
+def distance_rows(model: ArmModel) -> ConstraintRows:
+    return zs.DistanceLimits(0.7, 0.9).rows(model.machine, model.coordinates)
 
 
 def states(count: int = 6) -> np.ndarray:
@@ -116,45 +121,58 @@ def test_coordinates_drive_the_joints_as_eq_7_says() -> None:
 
 
 def test_wrench_derivatives_are_those_of_differences() -> None:
-    model = stage_model(bounded=False)
+    model = stage_model()
     for x in states():
-        wrench, slopes = model.wrench_derivatives(*apart(x))
-        np.testing.assert_allclose(wrench, model.wrench(*apart(x)), rtol=1e-12)
-        differences = central_differences(lambda point: model.wrench(*apart(point))[0], x)
+        wrench, slopes = model.effort_derivatives(*apart(x))
+        np.testing.assert_allclose(wrench, model.efforts(*apart(x)), rtol=1e-12)
+        differences = central_differences(lambda point: model.efforts(*apart(point))[0], x)
         np.testing.assert_allclose(
             slopes[0], differences, atol=DERIVATIVE * np.abs(differences).max()
         )
 
 
-def test_rows_of_the_distance_bounds_have_the_slopes_of_differences() -> None:
-    model = stage_model(bounded=True)
-    assert model.extra_rows == 4
+def test_rows_of_the_distance_bounds_have_the_jacobian_of_differences() -> None:
+    model = stage_model()
+    bounded = distance_rows(model)
     for x in states():
-        rows, slopes = model.extra(*apart(x))
-        assert (rows.shape, slopes.shape) == ((1, 4), (1, 4, 7))
-        differences = central_differences(lambda point: model.extra(*apart(point))[0][0], x)
+        rows, jacobian = bounded.linearize(StageSample(model, *apart(x)))
+        assert (rows.shape, jacobian.shape) == ((1, 4), (1, 4, 7))
+        differences = central_differences(
+            lambda point: bounded.evaluate(StageSample(model, *apart(point)))[0], x
+        )
         np.testing.assert_allclose(
-            slopes[0], differences, atol=DERIVATIVE * np.abs(differences).max()
+            jacobian[0], differences, atol=DERIVATIVE * np.abs(differences).max()
         )
 
 
 def test_rows_of_the_distance_bounds_have_the_curvature_of_differences() -> None:
-    model, rng = stage_model(bounded=True), np.random.default_rng(4)
+    model, rng = stage_model(), np.random.default_rng(4)
+    bounded = distance_rows(model)
     for x in states():
         weights = rng.normal(0.0, 1.0, 4)
-        found = extra_curvature(model, *apart(x), weights[None])[0]
-        differences = central_differences(lambda p, w=weights: w @ model.extra(*apart(p))[1][0], x)
+        found = bounded.curvature(StageSample(model, *apart(x)), weights[None])[0]
+        differences = central_differences(
+            lambda p, w=weights: w @ bounded.linearize(StageSample(model, *apart(p)))[1][0], x
+        )
         np.testing.assert_allclose(
             found, differences, atol=DERIVATIVE * max(1.0, np.abs(differences).max())
         )
-        several = extra_curvature(StackedModel((model, model)), *apart(x), weights[None])[0]
-        # an uncertain payload does not change the distance
-        np.testing.assert_array_equal(several, found)
 
 
-def test_without_bounds_on_the_distance_there_are_no_such_rows() -> None:
-    model = stage_model(bounded=False)
-    assert model.extra_rows == model.extra(*apart(states()[0]))[0].shape[1] == 0
+def test_an_uncertain_payload_does_not_repeat_the_rows_of_the_distance() -> None:
+    problem = zs.Problem(
+        TEST_2.load(),
+        PAPER_START,
+        PAPER_GOAL,
+        ground=TEST_2.ground,
+        model="simplified",
+        distance_limits=zs.DistanceLimits(0.7, 0.9),
+        payload_uncertainty=0.05,
+    )
+    bound = bound_constraints(problem)
+    assert len(bound.corners) == 2
+    assert [name for name, _ in bound.common] == ["distance_limits"]
+    assert StageRows(bound, 3.0).count == 2 * 5 + 4
 
 
 # --- refusals -----------------------------------------------------------------------------------

@@ -8,7 +8,7 @@ import pytest
 import zmp_sqp as zs
 from benchmarks.problems.checks import check_feasibility
 from benchmarks.problems.scene import FOOTPRINT, Scene, Tree
-from zmp_sqp.planning.search import planner, slopes
+from zmp_sqp.planning.search import refine, slopes
 
 SCENE = Scene("feller_buncher", FOOTPRINT, Tree(1976.87), roll=0.22477, pitch=0.28513)
 START, GOAL = (
@@ -44,13 +44,13 @@ def test_slopes_set_free_shorten_the_motion(monkeypatch: pytest.MonkeyPatch) -> 
         widths.append((ties.shape[1], freed.shape[1] - ties.shape[1]))
         return freed
 
-    monkeypatch.setattr(planner, "free_slopes", recorded)
+    monkeypatch.setattr(refine, "free_slopes", recorded)
     plan = safely_planned()
     ((count, freed),) = widths
     assert 0 < freed < SHARE * count
     assert plan.duration < PEERS
     with monkeypatch.context() as patch:
-        patch.setattr(planner, "free_slopes", lambda ties, *others: ties)
+        patch.setattr(refine, "free_slopes", lambda ties, *others: ties)
         tied = safely_planned()
     assert plan.duration < (1.0 - GAIN) * tied.duration
     with monkeypatch.context() as patch:

@@ -14,11 +14,10 @@ from benchmarks.problems.checks import Oracle
 from benchmarks.problems.paper import paper_scene
 from benchmarks.problems.scene import FOOTPRINT, Scene, Tree
 from tests.checks import central_differences
-from tests.planning.conftest import LEANING, lumped, pose
+from tests.planning.conftest import pose
 from tests.planning.programs import (
     CURVATURE,
     DERIVATIVE,
-    REFERENCE,
     ROUNDING,
     N,
     anywhere,
@@ -26,15 +25,19 @@ from tests.planning.programs import (
     closed,
     lagrangian_gradient,
     path_bounds,
+    stage_rows,
 )
 from tests.problems import slider
 from zmp_sqp.mechanics.coordinates import Coordinates
 from zmp_sqp.planning import simplified_coordinates
+from zmp_sqp.planning.constraints.effort_rows import effort_curvature
+from zmp_sqp.planning.constraints.protocol import StageSample
+from zmp_sqp.planning.constraints.tip_over import LEAST_NORMAL_FORCE
 from zmp_sqp.planning.program import null_space
 from zmp_sqp.planning.program.hold import CONSTANT, LINEAR, Hold, slope_ties
-from zmp_sqp.planning.program.model import ArmModel, wrench_curvature
+from zmp_sqp.planning.program.model import ArmModel
 from zmp_sqp.planning.program.null_space import NullSpace
-from zmp_sqp.planning.program.transcription import LEAST_NORMAL_FORCE, Boundary, Transcription
+from zmp_sqp.planning.program.transcription import Boundary, Transcription
 
 
 @dataclass(frozen=True)
@@ -50,27 +53,25 @@ class Case:
 
 
 def make(machine: str, *, moving: bool, hold: Hold) -> Case:
-    coordinates, distance = None, None
+    coordinates, distance = None, ()
     if machine == "slider":
         scene, start, goal = slider().scene, np.array([-0.3]), np.array([0.3])
     elif machine == "simplified":  # with bounds on the distance: the paper's way
         scene, start, goal = paper_scene(), np.array([0.1, -0.5]), np.array([1.4, -0.9])
         coordinates = simplified_coordinates(scene.load(), pose(*start))
-        distance = lumped(LEANING), zs.DistanceLimits(0.7, 1.3)
+        loaded = scene.load()
+        distance = (zs.DistanceLimits(0.7, 1.3).rows(loaded, coordinates),)
     else:
         scene = Scene("feller_buncher", FOOTPRINT, Tree(3000.0), roll=-0.2, pitch=0.15)
         start, goal = np.array([0.1, -0.5, -2.0, 0.5, -1.5]), np.array([1.4, -0.2, -1.2, 1.0, 0.3])
     loaded, n = scene.load(), len(start)
     rng = np.random.default_rng(7)
     v0, v1 = rng.uniform(-0.5, 0.5, (2, n)) * moving
-    bounds = path_bounds(loaded, n, lower=-2.9, upper=3.1)
-    model = ArmModel(
-        loaded, scene.ground.gravity(), coordinates or Coordinates.identity(n), distance
-    )
+    bounds = path_bounds(n, lower=-2.9, upper=3.1)
+    model = ArmModel(loaded, scene.ground.gravity(), coordinates or Coordinates.identity(n))
     ends = Boundary(start, v0), Boundary(goal, v1)
-    return Case(
-        scene, Transcription(model, *ends, bounds, intervals=N, reference=REFERENCE, hold=hold)
-    )
+    rows = stage_rows(model, others=distance)
+    return Case(scene, Transcription(rows, *ends, bounds, intervals=N, hold=hold))
 
 
 @pytest.fixture(
@@ -187,12 +188,11 @@ def transcribed(
 ) -> Transcription:
     monkeypatch.setattr(null_space, "MOST_ENTRIES", most)
     return Transcription(
-        nlp.model,
+        nlp.rows,
         nlp.start,
         nlp.goal,
         nlp.bounds,
         intervals=nlp.N,
-        reference=nlp.reference,
         hold=nlp.hold,
         ties=ties,
     )
@@ -227,18 +227,18 @@ def test_convex_hessian_is_positive_semi_definite(case: Case) -> None:
     assert np.linalg.eigvalsh(H).min() >= -1e-9 * np.abs(H).max()
 
 
-def test_wrench_curvature(case: Case) -> None:
-    model, rng, S = case.nlp.model, np.random.default_rng(8), 4.0
+def test_effort_curvature(case: Case) -> None:
+    model, rng, S = case.nlp.rows.corners[0].model, np.random.default_rng(8), 4.0
     n = model.size
     q, w, alpha = rng.uniform(-1.0, 1.0, (3, 1, n))
     weights = rng.normal(0.0, 1e-5, (1, 6))
 
     def gradient(at: np.ndarray) -> Any:
         parts = at[:n], at[n : 2 * n], at[2 * n : 3 * n]
-        return weights[0] @ model.wrench_derivatives(*(part[None] for part in parts), at[-1])[1][0]
+        return weights[0] @ model.effort_derivatives(*(part[None] for part in parts), at[-1])[1][0]
 
     expected = central_differences(gradient, np.concatenate([q[0], w[0], alpha[0], [S]]))
-    found = wrench_curvature(model, q, w, alpha, S, weights)[0]
+    found = effort_curvature(StageSample(model, q, w, alpha, S), weights)[0]
     np.testing.assert_allclose(found, expected, atol=CURVATURE * float(np.abs(expected).max()))
 
 
@@ -272,7 +272,7 @@ def test_wrench_rows_are_the_distances_to_the_edges_times_the_normal_force(case:
     """(e . p - b + margin) f_z over weight and reference squared, at both interval ends."""
     nlp, x = case.nlp, case.point(5)
     q, w, controls, S = nlp.unpack(x)
-    T, oracle, arm = np.sqrt(S), Oracle(case.scene), nlp.model.coordinates
+    T, oracle, arm = np.sqrt(S), Oracle(case.scene), nlp.rows.corners[0].model.coordinates
     rows = nlp.evaluate(x).inequalities[: nlp.layout.wrench_rows].reshape(3, N, -1)
     edges = len(oracle.offsets)  # then the normal force, then rows of the distance
     force = (LEAST_NORMAL_FORCE * x[-1] - rows[..., edges])[

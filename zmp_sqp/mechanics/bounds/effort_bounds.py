@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -29,7 +30,7 @@ class EffortBound:
     moment: Array
     joints: Array
 
-    def __getitem__(self, stretches: object) -> EffortBound:
+    def __getitem__(self, stretches: Any) -> EffortBound:
         """Bounds of some of the stretches, by an index, slice or mask."""
         return EffortBound(self.force[stretches], self.moment[stretches], self.joints[stretches])
 
@@ -264,7 +265,7 @@ def _joint_bounds(machine: Machine, links: list[_Link]) -> Array:
     return found
 
 
-def _is_prismatic(model: object, joint: int) -> bool:
+def _is_prismatic(model: Any, joint: int) -> bool:
     """Whether a joint slides."""
-    kind: str = model.joints[joint].shortname()  # type: ignore[attr-defined]
+    kind: str = model.joints[joint].shortname()
     return kind.startswith(("JointModelP", "JointModelMimicP"))

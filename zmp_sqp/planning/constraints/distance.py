@@ -16,6 +16,7 @@ from zmp_sqp.planning.constraints.protocol import MotionSample, StageSample, Str
 
 __all__ = ["DistanceLimits", "DistanceRows", "boom_limits"]
 
+SIMPLIFIED = ("slew", "boom")  # the coordinates of the simplified model
 BOOM = 1  # column of the boom angle, among the joints and among the simplified coordinates
 GUARD = 1e-6  # of the limits, kept inside them so that the certificate need not be tight
 RESOLUTION = 1e-4  # of the limits, by which a guarantee may fall short of the samples
@@ -60,7 +61,13 @@ class DistanceLimits:
             )
 
     def rows(self, machine: Machine, coordinates: Coordinates) -> DistanceRows:
-        """Rows |d'| <= velocity and |d''| <= acceleration; lower and upper bound the boom angle."""
+        """Rows |d'| <= velocity and |d''| <= acceleration; lower and upper bound the boom angle.
+
+        Raises:
+            ProblemError: The coordinates are not those of the simplified model.
+        """
+        if coordinates.size != len(SIMPLIFIED):
+            raise ProblemError('distance_limits belong to model="simplified"')
         return DistanceRows(
             LumpedMass.of(machine, coordinates),
             np.array([self.velocity, self.acceleration]),
@@ -196,4 +203,4 @@ def boom_limits(lumped: LumpedMass, bounds: DistanceLimits, joints: JointLimits)
         "position_lower": [joints.position_lower[0], lower],
         "position_upper": [joints.position_upper[0], upper],
     }
-    return joints.updated(changes, ("slew", "boom"))
+    return joints.updated(changes, SIMPLIFIED)

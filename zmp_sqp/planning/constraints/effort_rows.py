@@ -50,7 +50,7 @@ class EffortRows:
     @property
     def needs_joint_efforts(self) -> bool:
         """Whether C has columns for the joints."""
-        return self.C.shape[1] > WRENCH
+        return bool(self.C.shape[1] > WRENCH)
 
     def matrix(self, columns: int) -> Array:
         """C / d with zero columns added for efforts that are not looked at, shape (R, columns)."""

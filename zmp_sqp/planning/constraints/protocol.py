@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.mechanics.bounds.effort_bounds import EffortBound
@@ -117,7 +117,7 @@ class MotionSample:
     a: Array
     efforts: Array
 
-    def __getitem__(self, states: object) -> MotionSample:
+    def __getitem__(self, states: Any) -> MotionSample:
         """Some of the states, by an index, slice or mask."""
         parts = (part[states] for part in (self.q, self.v, self.a, self.efforts))
         return MotionSample(self.machine, *parts)

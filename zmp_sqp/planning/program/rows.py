@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from zmp_sqp.arrays import Array
+from zmp_sqp.arrays import Array, Indices
 from zmp_sqp.mechanics.wrench import WRENCH
 from zmp_sqp.planning.constraints.effort_rows import EffortRows, effort_curvature
 from zmp_sqp.planning.constraints.protocol import ConstraintRows, StageModel, StageSample
@@ -189,13 +189,13 @@ class StageRows:
         H = np.zeros((len(q), 3 * n + 1, 3 * n + 1))
         at = 0
 
-        def share(count: int) -> tuple[Array, Array]:
+        def share(count: int) -> tuple[Array, Indices]:
             nonlocal at
             part = weights[:, at : at + count]
             at += count
             return part, np.flatnonzero(part.any(axis=1))
 
-        def sample(model: StageModel, some: Array) -> StageSample:
+        def sample(model: StageModel, some: Indices) -> StageSample:
             where = None if positions is None else positions[some]
             return StageSample(model, q[some], w[some], alpha[some], S, where)
 

@@ -8,7 +8,7 @@ from itertools import zip_longest
 
 import numpy as np
 
-from zmp_sqp.arrays import Array, Indices, finite_number, frozen_array
+from zmp_sqp.arrays import Array, finite_number, frozen_array
 from zmp_sqp.errors import ProblemError
 from zmp_sqp.mechanics.coordinates import Coordinates
 from zmp_sqp.mechanics.ground import GRAVITY, Ground
@@ -23,7 +23,7 @@ from zmp_sqp.planning.constraints.tip_over import Contact, TipOver
 from zmp_sqp.planning.problem.problem import Problem
 from zmp_sqp.planning.problem.unicycle_base import UnicycleBase
 from zmp_sqp.planning.proof.base_check import base_guarantees
-from zmp_sqp.planning.proof.corner_motion import LONGEST, STRETCHES, CornerMotion, row_scale
+from zmp_sqp.planning.proof.corner_motion import CornerMotion, first_parts, row_scale
 from zmp_sqp.planning.proof.limits_in_time import (
     joints_least_duration,
     limit_excess,
@@ -35,7 +35,6 @@ from zmp_sqp.planning.proof.words import fault_of
 
 __all__ = ["Certificate", "certify", "certify_at", "certify_for"]
 
-FIRST = 20_000  # stretches to begin with, however long the motion is
 SAMPLING = 2000.0  # [1/s] at which rows without a bound on their curvature are looked at
 MOST_SAMPLES = 400_000  # of those, however long the motion is
 LIMITS = ("joint_limits", "base")
@@ -186,6 +185,7 @@ def certify_for(problem: Problem, trajectory: Trajectory) -> Certificate:
         problem.margin,
         base=problem.base,
         constraints=problem.own_constraints,
+        coordinates=problem.coordinates,
     )
 
 
@@ -196,12 +196,15 @@ def certify_at(
     *,
     base: UnicycleBase | None = None,
     constraints: Sequence[PathConstraint] = (),
+    coordinates: Coordinates | None = None,
 ) -> Certificate:
     """The least of the guarantees at these corners, arguments as in `certify`.
 
     Args:
         corners: At least one.
         trajectory, margin, base, constraints: Arguments of `certify`.
+        coordinates: In which the motion was planned, which constraints of the simplified model ask
+            for; None for the joints themselves.
     """
     first = corners[0]
     check_arguments(first.machine, trajectory, first.ground)
@@ -210,9 +213,16 @@ def certify_at(
         check_tracks(driven.base, first.machine.support)  # type: ignore[arg-type]
     check_drift(driven)
     required = finite_number(margin, name="margin", error=ProblemError)
+    planned = coordinates or Coordinates.identity(first.machine.size)
     proofs = []
     for number, corner in enumerate(corners):
-        proofs.append(_prove(corner, trajectory, required, constraints, first=number == 0))
+        every: tuple[PathConstraint, ...] = (TipOver(), Contact(), *constraints)
+        rows = bound_rows(every, corner.machine, planned)
+        kept = [i for i, part in enumerate(rows) if number == 0 or part.per_corner]
+        # those that do not depend on the corner stand last, so that proofs of corners can be zipped
+        kept.sort(key=lambda i: not rows[i].per_corner)
+        named = [(every[i].name, rows[i]) for i in kept]
+        proofs.append(_prove(corner, trajectory, required, named))
     merged = [
         min((row for row in rows if row is not None), key=lambda row: row.scaled)
         for rows in zip_longest(*proofs)
@@ -255,36 +265,29 @@ def _prove(
     corner: Corner,
     trajectory: Trajectory,
     required: float,
-    constraints: Sequence[PathConstraint],
-    *,
-    first: bool,
+    named: Sequence[tuple[str, ConstraintRows]],
 ) -> list[_Proof]:
-    """Guarantees of all constraints that depend on payload and slope; at the first corner, of all."""
+    """Guarantees of constraints, given by name and rows, at one corner."""
     machine, ground = corner.machine, corner.ground
     trajectory = with_ground(trajectory, ground)
     standing = trajectory.base is None or trajectory.base.ground.uniform
     # a base that drives looks under itself; here only the strength counts, the same everywhere
     here = ground.gravity() if standing else (0.0, 0.0, -GRAVITY)
     gravity = frozen_array(here, name="gravity", shape=(3,), error=ProblemError)
-    every = (TipOver(), Contact(), *constraints)
-    rows = bound_rows(every, machine, Coordinates.identity(machine.size))
-    kept = [i for i, part in enumerate(rows) if first or part.per_corner]
-    # those that do not depend on the corner stand last, so that proofs of corners can be zipped
-    kept.sort(key=lambda i: not rows[i].per_corner)
-    names, rows = [every[i].name for i in kept], tuple(rows[i] for i in kept)
+    rows = tuple(part for _, part in named)
+    asked = [required if name == "tip_over" else 0.0 for name, _ in named]
     wanted = [
-        Wanted(required if name == "tip_over" else 0.0, float(part.resolution[0]))
-        for name, part in zip(names, rows, strict=True)
+        Wanted(value, float(part.resolution[0])) for value, part in zip(asked, rows, strict=True)
     ]
     with np.errstate(all="ignore"):  # what overflows is not guaranteed
         motion = CornerMotion(machine, trajectory, gravity, rows, spread=corner.spread)
-        least = subdivide(_first_parts(trajectory), motion.values, wanted)
+        least = subdivide(first_parts(trajectory), motion.values, wanted)
         for part, value in zip(rows, least, strict=True):
             if not part.proven:
                 _look_closely(part, machine, trajectory, value)
     return [
-        _proof(name, part, value, motion, corner.text, required if name == "tip_over" else 0.0)
-        for name, part, value in zip(names, rows, least, strict=True)
+        _proof(name, part, value, motion, corner.text, margin)
+        for (name, part), value, margin in zip(named, least, asked, strict=True)
     ]
 
 
@@ -312,12 +315,6 @@ def _proof(
         required=required,
     )
     return _Proof(guarantee, scaled, least.sampled * scale, least.row, doubt)
-
-
-def _first_parts(trajectory: Trajectory) -> Indices:
-    """Into how many stretches each interval is cut at first, shape (N,)."""
-    parts = np.maximum(STRETCHES, np.ceil(np.diff(trajectory.times) / LONGEST))
-    return np.maximum(parts * min(1.0, FIRST / parts.sum()), 1.0).astype(int)
 
 
 def _look_closely(

@@ -16,10 +16,11 @@ from zmp_sqp.planning.constraints.protocol import ConstraintRows, MotionSample, 
 from zmp_sqp.planning.proof.path_error import misplaced_root_bounds
 from zmp_sqp.planning.proof.subdivision import StretchValues
 
-__all__ = ["LONGEST", "STRETCHES", "CornerMotion"]
+__all__ = ["CornerMotion", "first_parts", "row_scale"]
 
 STRETCHES = 6  # per interval to begin with
 LONGEST = 0.05  # [s] of a stretch to begin with
+FIRST = 20_000  # stretches to begin with, however long the motion is
 # roundings that add up in an effort: at most ten per joint and factor, and to spare
 OPERATIONS = 100.0
 EPSILON = float(np.finfo(float).eps)
@@ -207,6 +208,13 @@ class CornerMotion:
             of_joints = off[:, None] * turning if self._joints else error.joints
             error = error.plus(EffortBound(0.0 * off, off, of_joints))
         return error, curvature[count:]
+
+
+def first_parts(trajectory: Trajectory) -> Indices:
+    """Into how many stretches each interval is cut at first, shape (N,)."""
+    parts = np.maximum(STRETCHES, np.ceil(np.diff(trajectory.times) / LONGEST))
+    parts = np.maximum(parts * min(1.0, FIRST / parts.sum()), 1.0)
+    return np.asarray(parts.astype(int))
 
 
 def peaks(ends: tuple[Array, ...], j: Array, delta: Array) -> tuple[Array, Array, Array]:

@@ -6,8 +6,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from zmp_sqp.arrays import Array, Indices
+
+Mask = npt.NDArray[np.bool_]
 
 __all__ = ["LeastValue", "StretchValues", "Wanted", "subdivide"]
 
@@ -72,7 +75,7 @@ class LeastValue:
     exhausted: bool = False
     _best: float = np.inf
 
-    def take(self, found: StretchValues, wanted: Wanted) -> tuple[Array, Array]:
+    def take(self, found: StretchValues, wanted: Wanted) -> tuple[Mask, Indices]:
         """Take the values in; which stretches are still too loose, and into how many parts to cut.
 
         Returns:

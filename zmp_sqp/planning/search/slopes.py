@@ -48,7 +48,7 @@ def free_slopes(
         constant: The program with constant ones, at the same reference.
         found: Its solution.
     """
-    layout = linear.inner.layout if isinstance(linear, DrivingTranscription) else linear.layout
+    layout = linear.inner.layout if isinstance(linear, DrivingTranscription) else linear.layout  # type: ignore[attr-defined]
     controls, S = constant.unpack(found.x)[2:]
     lin = linear.linearize(linear.pack(np.repeat(controls, 2, axis=1), S))
     basis, rows = lin.basis, layout.wrench_rows  # rows: the same in both programs
