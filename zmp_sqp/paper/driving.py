@@ -23,7 +23,7 @@ from zmp_sqp.planning import (
 )
 from zmp_sqp.planning.closed_forms.base_motion import driven_trajectory
 from zmp_sqp.scenario import load_scenario
-from zmp_sqp.show.report import plan_fields
+from zmp_sqp.show.results import plan_fields
 
 __all__ = ["TOGETHER", "driving_failures", "run_driving"]
 

@@ -17,7 +17,7 @@ from zmp_sqp.planning.closed_forms.base_bound import moving_base_zmp, plan_base
 from zmp_sqp.planning.closed_forms.base_motion import BaseMotion, asymmetric_profile
 from zmp_sqp.planning.closed_forms.slew import analytic_slew
 from zmp_sqp.scenario import load_scenario
-from zmp_sqp.show.report import plan_fields
+from zmp_sqp.show.results import plan_fields
 
 __all__ = [
     "BASE",

@@ -1,118 +1,27 @@
-"""What came out of planning: one object for programs, tables for people."""
+"""Tables of a plan on the terminal."""
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Mapping
-from contextlib import suppress
-from importlib import metadata
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from zmp_sqp import __version__
-from zmp_sqp.errors import ContactLost
-from zmp_sqp.mechanics import stability_margin
-from zmp_sqp.planning import Plan, Problem, Trajectory
-from zmp_sqp.scenario import Scenario
-from zmp_sqp.show.plots import sample_times
+from zmp_sqp.planning import Plan
 
 if TYPE_CHECKING:
     from rich.table import Table
     from rich.text import Text
 
-__all__ = [
-    "RESULT_KEYS",
-    "history_table",
-    "joint_table",
-    "key_table",
-    "make_result",
-    "plan_fields",
-    "summary_table",
-    "versions",
-]
-
-# whose versions a result names
-PACKAGES = ("numpy", "scipy", "pin", "proxsuite", "daqp", "piqp", "qpsolvers")
-RESULT_KEYS = """\
---json writes one object; SI units, null where there is no value:
-  scenario, title           what was planned
-  success, status, message  whether a motion was found, and why not
-  duration, lower_bound     [s]; no motion within the joint limits is faster than the bound
-  margin                    [m] from the ZMP to the nearest edge at its least, negative outside
-  iterations                of the SQP
-  qp_solver                 the QP solver that was asked for
-  corner                    payload and slope for which the margin is least, or empty
-  solve_time                [s]
-  phase_plane               duration and margin of the motion that knows no ZMP;
-                            null if the start or the goal is in motion, or the base drives
-  diagnosis                 without success: largest_payload [kg], steepest_slope [rad]; or null
-  joints                    by name: peak_rate, rate_limit, peak_acceleration, acceleration_limit
-  versions                  of Python, of this package and of what it stands on
-"""
-
-
-def plan_fields(found: Plan) -> dict[str, Any]:
-    """What every result tells of a plan, ready for JSON: SI units, None where there is no value."""
-    return {
-        "success": found.success,
-        "status": found.status.name.lower(),
-        "message": found.message,
-        "duration": found.duration if found.success else None,
-        "lower_bound": found.lower_bound,
-        "margin": found.margin if found.success else None,
-        "iterations": found.iterations,
-        "qp_solver": found.qp_solver,
-    }
-
-
-def make_result(
-    scenario: Scenario, found: Plan, baseline: Trajectory | None, qp_solver: str
-) -> dict[str, Any]:
-    """What `--json` writes; `RESULT_KEYS` explains it."""
-    return {
-        "scenario": scenario.name,
-        "title": scenario.title,
-        **plan_fields(found),
-        "corner": found.certificate.corner,
-        "solve_time": found.solve_time,
-        "phase_plane": None if baseline is None else _baseline_result(found.problem, baseline),
-        "diagnosis": None,
-        "joints": _joint_peaks(found.problem, found.trajectory) if found.success else None,
-        "versions": versions(),
-    }
-
-
-def _baseline_result(problem: Problem, baseline: Trajectory) -> dict[str, float | None]:
-    """Its margin is sampled; None where the machine lifts off and there is no ZMP."""
-    q, v, a = baseline(np.concatenate(sample_times(baseline)))
-    try:
-        margin = float(stability_margin(problem.machine, q, v, a, problem.ground).min())
-    except ContactLost:
-        margin = None
-    return {"duration": baseline.duration, "margin": margin}
-
-
-def _joint_peaks(problem: Problem, trajectory: Trajectory) -> dict[str, dict[str, float]]:
-    """Rates peak at nodes, because accelerations are constant between them."""
-    limits = problem.machine.limits
-    columns = {
-        "peak_rate": np.abs(trajectory.velocities).max(axis=0),
-        "rate_limit": limits.velocity,
-        "peak_acceleration": np.abs(trajectory.accelerations).max(axis=0),
-        "acceleration_limit": limits.acceleration,
-    }
-    names = trajectory.joint_names
-    return {
-        name: {key: float(column[i]) for key, column in columns.items()}
-        for i, name in enumerate(names)
-    }
+__all__ = ["history_table", "joint_table", "key_table", "new_table", "summary_table"]
 
 
 def summary_table(result: Mapping[str, Any]) -> Table:
-    """The motion beside the one that knows no ZMP."""
+    """Durations and margins of the planned motion and of the phase-plane baseline, side by side.
+
+    Args:
+        result: Made by `make_result`.
+    """
     baseline = result["phase_plane"] or {}
-    table = _table("", "planned", "phase plane")
+    table = new_table("", "planned", "phase plane")
     table.add_row("duration [s]", _number(result["duration"]), _number(baseline.get("duration")))
     table.add_row("lower bound [s]", _number(result["lower_bound"]))
     if result["success"] and result["lower_bound"] > 0.0:
@@ -130,16 +39,21 @@ def summary_table(result: Mapping[str, Any]) -> Table:
 
 
 def key_table(values: Mapping[str, float | None]) -> Table:
-    """One number per row, by its name."""
-    table = _table("", "")
+    """Table with one named number per row; None is shown as a dash."""
+    table = new_table("", "")
     for name, value in values.items():
         table.add_row(name, _number(value))
     return table
 
 
 def joint_table(result: Mapping[str, Any], unit: str) -> Table:
-    """Peak rates and accelerations beside their limits; `unit` is that of the joint coordinates."""
-    table = _table(
+    """Peak rates and accelerations of the joints beside their limits.
+
+    Args:
+        result: Made by `make_result` from a successful plan.
+        unit: Unit of the joint coordinates, for the column heads.
+    """
+    table = new_table(
         "joint", f"peak rate\n[{unit}/s]", "limit", f"peak acceleration\n[{unit}/s^2]", "limit"
     )
     for name, joint in result["joints"].items():
@@ -148,8 +62,8 @@ def joint_table(result: Mapping[str, Any], unit: str) -> Table:
 
 
 def history_table(found: Plan) -> Table:
-    """One row per iteration of the SQP."""
-    table = _table(
+    """Table with one row per SQP iteration."""
+    table = new_table(
         "", "QP solver", "inner", "rows", "objective", "violation", "step", "notes", "ms"
     )
     table.caption = "notes: R relaxed QP, C curvature of the constraints, S second-order correction"
@@ -161,7 +75,8 @@ def history_table(found: Plan) -> Table:
     return table
 
 
-def _table(first: str, *others: str) -> Table:
+def new_table(first: str, *others: str) -> Table:
+    """Empty table with these column heads: the first column left-aligned, the others right."""
     from rich import box
     from rich.table import Table
 
@@ -177,21 +92,12 @@ def _number(value: float | None, digits: int = 4) -> str:
 
 
 def _margin(motion: Mapping[str, Any]) -> str | Text:
-    """Unsafe ones in red; a motion that was evaluated and has no margin has left the ground."""
+    """Margin of a motion, red if negative or if the machine lifts off; a dash without a motion."""
     from rich.text import Text
 
     if motion.get("duration") is None:
         return "-"
     margin = motion["margin"]
-    # no minus sign before zeros
+    # adding 0.0 turns -0.0 into 0.0
     text = "lifts off" if margin is None else _number(round(margin, 4) + 0.0)
     return Text(text, style="" if margin is not None and round(margin, 4) >= 0.0 else "bold red")
-
-
-def versions(*extras: str) -> dict[str, str]:
-    """Of this program, of Python, of what it stands on, and of these packages."""
-    versions = {"zmp-sqp": __version__, "python": platform.python_version()}
-    for package in (*PACKAGES, *extras):
-        with suppress(metadata.PackageNotFoundError):
-            versions[package] = metadata.version(package)
-    return versions
