@@ -1,4 +1,7 @@
-"""Figures of motions. matplotlib is an extra: it is imported when a figure is drawn, not before."""
+"""Figures of motions: ZMP loci, and joints over time.
+
+matplotlib is an optional package, so it is imported only when a figure is drawn.
+"""
 
 from __future__ import annotations
 
@@ -31,15 +34,19 @@ __all__ = [
     "save",
 ]
 
-# the paper's
+# colours of the figures of Song & Sharf 2020, by planner
 PLANNER_COLOURS = {"phase plane": "tab:green", "full model": "tab:red", "simplified": "tab:blue"}
 OTHER_COLOURS = ("tab:purple", "tab:orange", "tab:brown", "tab:pink", "tab:olive", "tab:cyan")
-# Okabe & Ito 2008
+# Okabe & Ito 2008: distinguishable with any colour vision
 JOINT_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#666666")
-LINE_STYLES = ("-", ":", "-.")  # once the colours are used up
-MEASURED_AT = 0.11  # of the motion, where fig. 3 shows d_u and d_l
-LEVEL = 1e-3  # sine of a slope that is not worth an arrow
+LINE_STYLES = ("-", ":", "-.")  # of the joints, in turn once the colours are used up
+MEASURED_AT = 0.11  # share of the motion at which fig. 3 of the paper shows d_u and d_l
+LEVEL = (
+    1e-3  # sine of the steepest slope that gets no arrow downhill; also for cosines in _draw_room
+)
 RESOLUTION = 100  # [dots per inch]
+FIRST, LAST = "o", "s"  # markers at the ends of a locus
+MARKER: dict[str, Any] = {"markersize": 7, "markeredgecolor": "black"}
 
 
 def plot_zmp(
@@ -50,19 +57,20 @@ def plot_zmp(
     window: float = 0.0,
     measured: str | None = None,
 ) -> None:
-    """Draw ZMP loci in the support polygon: fig. 3 of Song & Sharf 2020.
+    """Draw ZMP loci in the support polygon, as in fig. 3 of Song & Sharf 2020.
 
-    The axes are the paper's, x to the right of the machine and y ahead of it: (-y, x) of the root
-    frame. The ZMP jumps where an acceleration does; a jump is a thin line. Intervals on which the
-    machine lifts off have no ZMP and are left out.
+    The axes are the paper's: x to the right of the machine and y ahead of it, which are (-y, x) of
+    the root frame. Where an acceleration jumps, so does the ZMP; jumps are thin lines. Intervals on
+    which the machine lifts off have no ZMP and are left out.
 
     Args:
         problem: Gives machine, support polygon and ground.
         trajectories: Motions by planner; "phase plane", "full model" and "simplified" have the
             paper's colours.
         path: File to write; its ending chooses the format.
-        window: As in `draw_loci` [m].
-        measured: As in `draw_loci`.
+        window: Both axes reach from -window to window [m]; 0 fits them to the loci.
+        measured: Name of the planner on whose locus d_u and d_l of eq. (21) are drawn; None draws
+            none.
 
     Raises:
         ProblemError: The machine has no support polygon.
@@ -88,18 +96,17 @@ def draw_loci(
     window: float = 0.0,
     measured: str | None = None,
 ) -> None:
-    """Draw support polygon, ZMP loci with their ends, and the way downhill; the legend stands above.
+    """Draw support polygon, ZMP loci, the downhill direction, and a legend above them.
 
     Args:
-        figure: An empty one.
-        support: The polygon.
-        gravity: In the root frame, which tells the way downhill, shape (3,) [m/s^2].
-        loci: By planner; one array (K, 2) of ZMPs in the root frame for each piece without a jump
-            [m].
-        window: Both axes reach from -window to window, as the paper's do [m]; 0 fits them to what
-            is drawn.
-        measured: From a point of this planner's locus, d_u and d_l of eq. (21) are drawn; None
-            draws none.
+        figure: An empty figure.
+        support: The support polygon.
+        gravity: Gravity in the root frame, shape (3,) [m/s^2]; its horizontal part points downhill.
+        loci: ZMP loci by planner; each is a list of pieces without jumps, arrays of shape (K, 2) in
+            the root frame [m].
+        window: Both axes reach from -window to window [m]; 0 fits them to the loci.
+        measured: Name of the planner on whose locus d_u and d_l of eq. (21) are drawn; None draws
+            none.
     """
     axes = figure.add_subplot()
     vertices = support.vertices  # (V, 2)
@@ -111,31 +118,9 @@ def draw_loci(
     )
     colours = planner_colours(loci)
     for name, locus in loci.items():
-        pieces = [_paper_axes(piece) for piece in locus]
-        gap = np.full((1, 2), np.nan)
-        axes.plot(*np.vstack(pieces).T, color=colours[name], linewidth=0.9, alpha=0.7)
-        broken = np.vstack([row for piece in pieces for row in (piece, gap)])
-        axes.plot(*broken.T, color=colours[name], linewidth=1.6, label=f"ZMP locus: {name}")
-        for point, marker in ((pieces[0][0], "o"), (pieces[-1][-1], "s")):
-            axes.plot(
-                *point,
-                color=colours[name],
-                marker=marker,
-                markersize=7,
-                markeredgecolor="black",
-                zorder=3,
-            )
-    for marker, label in (("o", "ZMP initial"), ("s", "ZMP final")):
-        axes.plot(
-            [],
-            [],
-            "w",
-            marker=marker,
-            markersize=7,
-            markeredgecolor="black",
-            linestyle="none",
-            label=label,
-        )
+        _draw_locus(axes, [_paper_axes(piece) for piece in locus], name, colours[name])
+    for marker, label in ((FIRST, "ZMP initial"), (LAST, "ZMP final")):  # for the legend alone
+        axes.plot([], [], "w", marker=marker, linestyle="none", label=label, **MARKER)
     _draw_downhill(axes, gravity)
     if measured is not None and measured in loci:
         _draw_room(axes, support, loci[measured][int(MEASURED_AT * len(loci[measured]))][0])
@@ -148,6 +133,23 @@ def draw_loci(
     figure.legend(loc="outside upper center", ncols=2)
 
 
+def _draw_locus(axes: Axes, pieces: Sequence[Array], name: str, colour: str) -> None:
+    """Draw one ZMP locus with markers at its ends; jumps between its pieces are thin lines.
+
+    Args:
+        axes: Axes of the paper.
+        pieces: Pieces without jumps, shape (K, 2) each, in the axes of the paper [m].
+        name: Name of the planner.
+        colour: Colour of the locus.
+    """
+    gap = np.full((1, 2), np.nan)
+    axes.plot(*np.vstack(pieces).T, color=colour, linewidth=0.9, alpha=0.7)
+    broken = np.vstack([row for piece in pieces for row in (piece, gap)])
+    axes.plot(*broken.T, color=colour, linewidth=1.6, label=f"ZMP locus: {name}")
+    for point, marker in ((pieces[0][0], FIRST), (pieces[-1][-1], LAST)):
+        axes.plot(*point, color=colour, marker=marker, zorder=3, **MARKER)
+
+
 def plot_joints(
     machine: Machine,
     trajectory: Trajectory,
@@ -156,22 +158,44 @@ def plot_joints(
     base: UnicycleBase | None = None,
     ground: Ground | None = None,
 ) -> None:
-    """Draw joint accelerations, rates and angles over time: fig. 4 (a-c) of Song & Sharf 2020; and the base's motion.
+    """Draw joint accelerations, rates and angles over time, as in fig. 4 of Song & Sharf 2020.
 
-    Limits are dashed: black where several joints share one, else in the joint's colour. Position
-        limits far from the
-    motion are left out. A base that moves has columns of its own: way, speed, yaw, yaw rate, and
-    its path seen from above.
+    Limits are dashed: black if several joints share one, else in the joint's colour. Position
+    limits far from the motion are left out. A base that moves has its own columns: distance driven,
+    speed, yaw and yaw rate over time, and the path seen from above.
 
     Args:
         machine: Gives the limits.
         trajectory: The motion.
         path: File to write; its ending chooses the format.
-        base: Gives the base's limits.
-        ground: For the way downhill beside the base's path.
+        base: Gives the base's limits; None draws none.
+        ground: Gives the downhill direction or contour lines around the base's path; None draws
+            neither.
+    """
+    times = np.concatenate(sample_times(trajectory))
+    drive = trajectory.base
+    figure = new_figure(width=6.4 if drive is None else 15.0, height=7.2)
+    parts: Any = (
+        [figure] if drive is None else figure.subfigures(1, 3, width_ratios=(6.0, 4.0, 5.0))
+    )
+    _draw_joints(parts[0], machine, trajectory, times)
+    if drive is not None:
+        draw_base(parts[1].subplots(4, 1, sharex=True), drive, base, times)
+        if machine.support is not None:
+            draw_plan_view(parts[2].subplots(), drive, machine.support, base, ground)
+    save(figure, path)
+
+
+def _draw_joints(part: Any, machine: Machine, trajectory: Trajectory, times: Array) -> None:
+    """Draw accelerations, rates and angles of all joints, one above the other.
+
+    Args:
+        part: Figure or subfigure of matplotlib.
+        machine: Gives the limits.
+        trajectory: The motion.
+        times: Times to draw, shape (K,) [s].
     """
     limits, unit = machine.limits, joint_unit(machine)
-    times = np.concatenate(sample_times(trajectory))
     angles, rates, accelerations = trajectory(times)
     panels = (  # label, values (K, n), lower and upper limits (n,)
         (f"acceleration [{unit}/s²]", accelerations, -limits.acceleration, limits.acceleration),
@@ -183,13 +207,8 @@ def plot_joints(
             limits.position_upper,
         ),
     )
-    drive = trajectory.base
-    figure = new_figure(width=6.4 if drive is None else 15.0, height=7.2)
-    parts: Any = (
-        [figure] if drive is None else figure.subfigures(1, 3, width_ratios=(6.0, 4.0, 5.0))
-    )
     for axes, (label, values, lower, upper) in zip(
-        parts[0].subplots(3, 1, sharex=True), panels, strict=True
+        part.subplots(3, 1, sharex=True), panels, strict=True
     ):
         for joint, name in enumerate(trajectory.joint_names):
             dashes = LINE_STYLES[joint // len(JOINT_COLOURS) % len(LINE_STYLES)]
@@ -206,22 +225,21 @@ def plot_joints(
         axes.margins(x=0.0)
         axes.grid(alpha=0.3)
     axes.set_xlabel("time [s]")
-    parts[0].legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=6)
-    if drive is not None:
-        draw_base(parts[1].subplots(4, 1, sharex=True), drive, base, times)
-        if machine.support is not None:
-            draw_plan_view(parts[2].subplots(), drive, machine.support, base, ground)
-    save(figure, path)
+    part.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=6)
 
 
 def sample_times(trajectory: Trajectory, count: int = 600) -> list[Array]:
-    """Times within each interval of a trajectory, both ends included, about `count` in all.
+    """Times within each interval of a trajectory, its ends included.
 
-    An interval's last time stands one rounding error before its end, so that the trajectory is
-    evaluated with the acceleration inside the interval and not with the next one.
+    Accelerations jump at nodes. The last time of an interval is one rounding error before its end,
+    so that the trajectory has the acceleration of that interval there, not of the next.
+
+    Args:
+        trajectory: The trajectory.
+        count: Number of times in all, approximately.
 
     Returns:
-        One array for each of the N intervals [s].
+        One array of times for each of the N intervals [s].
     """
     per_second = count / trajectory.duration if trajectory.duration > 0.0 else 0.0
     pieces = []
@@ -232,13 +250,13 @@ def sample_times(trajectory: Trajectory, count: int = 600) -> list[Array]:
 
 
 def joint_unit(machine: Machine) -> str:
-    """Unit of the joint coordinates: rad, m, or both."""
+    """Unit of the joint coordinates: "rad", "m", or "rad or m" if both occur."""
     sliding = len(sliding_joints(machine))
     return "rad" if sliding == 0 else "m" if sliding == machine.size else "rad or m"
 
 
 def _locus(problem: Problem, trajectory: Trajectory, times: Array) -> Array:
-    """ZMP at times within one interval, shape (K, 2) [m]; NaN if the machine lifts off."""
+    """ZMP in the root frame at times, shape (K, 2) [m]; NaN if the machine lifts off at any of them."""
     try:
         return trajectory_zmp(problem.machine, trajectory, times, problem.ground)
     except ContactLost:
@@ -246,12 +264,12 @@ def _locus(problem: Problem, trajectory: Trajectory, times: Array) -> Array:
 
 
 def _paper_axes(points: Array) -> Array:
-    """(K, 2) points (forward, left) of the root frame as (right, forward), the paper's x0 and y0."""
+    """Points (forward, left) of the root frame as (right, forward), shape (K, 2)."""
     return np.column_stack([-points[:, 1], points[:, 0]])
 
 
 def _draw_downhill(axes: Axes, gravity: Array) -> None:
-    """Arrow from the origin down the slope, as long as the slope is steep; none on level ground."""
+    """Draw an arrow from the origin downhill, longer on steeper ground; none on level ground."""
     down = gravity[:2] / np.linalg.norm(gravity)
     if np.linalg.norm(down) > LEVEL:
         [tip] = _paper_axes(2.0 * down[None])
@@ -267,7 +285,7 @@ def _draw_downhill(axes: Axes, gravity: Array) -> None:
 
 
 def _draw_room(axes: Axes, support: SupportPolygon, point: Array) -> None:
-    """Arrows from a ZMP along the heading to the front edge (d_u) and to the rear one (d_l)."""
+    """Draw arrows from a ZMP along the heading to the front edge (d_u) and the rear edge (d_l)."""
     ahead, room = support.normals[:, 0], support.offsets - support.normals @ point
     for sign, name in ((1.0, "$d_u$"), (-1.0, "$d_l$")):
         facing = sign * ahead > LEVEL
@@ -281,7 +299,13 @@ def _draw_room(axes: Axes, support: SupportPolygon, point: Array) -> None:
 
 
 def _draw_limits(axes: Axes, bounds: Array, *, everything: bool) -> None:
-    """Dash the bounds, the lower ones of the n joints, then the upper ones; all, or those within the axes' range."""
+    """Draw dashed lines at the limits of the joints.
+
+    Args:
+        axes: Axes with the joints' curves.
+        bounds: Lower limits of the n joints, then upper limits, shape (2n,).
+        everything: Whether limits outside the axes' range are drawn too.
+    """
     low, high = axes.get_ylim()
     for bound in np.unique(bounds):
         joints = np.flatnonzero(bounds == bound) % (len(bounds) // 2)
@@ -295,7 +319,7 @@ def _joint_colour(joint: int) -> str:
 
 
 def planner_colours(names: Iterable[str]) -> dict[str, str]:
-    """Colours by planner: the paper's for its own, others in turn."""
+    """Colours by name of planner: the paper's for the paper's planners, `OTHER_COLOURS` for others."""
     others = [name for name in names if name not in PLANNER_COLOURS]
     return PLANNER_COLOURS | {
         name: OTHER_COLOURS[i % len(OTHER_COLOURS)] for i, name in enumerate(others)
@@ -303,12 +327,12 @@ def planner_colours(names: Iterable[str]) -> dict[str, str]:
 
 
 def new_figure(*, width: float, height: float) -> Figure:
-    """Figure of that size in inches that needs no display and leaves no state in matplotlib.pyplot."""
+    """Empty figure of the given size in inches; it needs no display and no state of pyplot."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), layout="constrained")
 
 
 def save(figure: Figure, path: str | Path) -> None:
-    """Write a figure; the path's ending chooses the format."""
+    """Write a figure to a file; the ending of the path chooses the format."""
     figure.savefig(path, dpi=RESOLUTION)

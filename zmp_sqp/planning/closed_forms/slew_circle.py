@@ -84,7 +84,7 @@ class SlewInsight:
 
     @property
     def centre_derivative(self) -> float:
-        r"""Derivative -sum m h / (M g) of the centre's x by the base acceleration, eq. (17) [s^2]."""
+        r"""Derivative -sum m h / (M g) of the centre's x by the base acceleration, (17) [s^2]."""
         return -self.mean_height / GRAVITY
 
     def squared_radius_rate(self, rate: Any, acceleration: Any, jerk: Any = 0.0) -> Any:
@@ -134,7 +134,7 @@ class SlewInsight:
         return GRAVITY / self.height * np.sqrt(np.maximum(room, 0.0))
 
     def top_rate(self, radius: float) -> float:
-        r"""Rate at which a slew without acceleration has its ZMP on a circle about its axis [rad/s].
+        r"""Rate at which a slew without acceleration has the ZMP on the circle of a radius [rad/s].
 
         .. math:: w_{top} = \sqrt{g (\rho - 1) / h_c}
 
