@@ -189,7 +189,7 @@ def test_a_base_that_drives_is_drawn_with_its_limits_its_path_and_its_footprints
     assert len(joints.axes) == 3
     way, speed, yaw, yaw_rate = drive.axes
     assert [axes.get_ylabel() for axes in drive.axes] == [
-        "way [m]",
+        "distance [m]",
         "speed [m/s]",
         "yaw [rad]",
         "yaw rate [rad/s]",

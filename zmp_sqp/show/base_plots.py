@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = ["draw_base", "draw_plan_view"]
 
-LABELS = ("way [m]", "speed [m/s]", "yaw [rad]", "yaw rate [rad/s]")
+LABELS = ("distance [m]", "speed [m/s]", "yaw [rad]", "yaw rate [rad/s]")
 # colours of the path, and of the footprints at start and goal
 COLOUR, FIRST, LAST = "tab:red", "tab:green", "tab:blue"
 APART = 1.2  # [m driven or rad of yaw] between footprints

@@ -41,9 +41,8 @@ OTHER_COLOURS = ("tab:purple", "tab:orange", "tab:brown", "tab:pink", "tab:olive
 JOINT_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#666666")
 LINE_STYLES = ("-", ":", "-.")  # of the joints, in turn once the colours are used up
 MEASURED_AT = 0.11  # share of the motion at which fig. 3 of the paper shows d_u and d_l
-LEVEL = (
-    1e-3  # sine of the steepest slope that gets no arrow downhill; also for cosines in _draw_room
-)
+LEVEL = 1e-3  # sine of the steepest slope that gets no arrow downhill
+SIDEWAYS = 1e-3  # cosine between heading and normal below which an edge is neither front nor rear
 RESOLUTION = 100  # [dots per inch]
 FIRST, LAST = "o", "s"  # markers at the ends of a locus
 MARKER: dict[str, Any] = {"markersize": 7, "markeredgecolor": "black"}
@@ -256,7 +255,7 @@ def joint_unit(machine: Machine) -> str:
 
 
 def _locus(problem: Problem, trajectory: Trajectory, times: Array) -> Array:
-    """ZMP in the root frame at times, shape (K, 2) [m]; NaN if the machine lifts off at any of them."""
+    """ZMP in the root frame, shape (K, 2) [m]; NaN if the machine lifts off at any of the times."""
     try:
         return trajectory_zmp(problem.machine, trajectory, times, problem.ground)
     except ContactLost:
@@ -288,7 +287,7 @@ def _draw_room(axes: Axes, support: SupportPolygon, point: Array) -> None:
     """Draw arrows from a ZMP along the heading to the front edge (d_u) and the rear edge (d_l)."""
     ahead, room = support.normals[:, 0], support.offsets - support.normals @ point
     for sign, name in ((1.0, "$d_u$"), (-1.0, "$d_l$")):
-        facing = sign * ahead > LEVEL
+        facing = sign * ahead > SIDEWAYS
         end = point + np.array([sign * float((room[facing] / (sign * ahead[facing])).min()), 0.0])
         arrow = {"arrowstyle": "<->", "color": "dimgrey", "shrinkA": 0.0, "shrinkB": 0.0}
         [tail], [tip] = _paper_axes(point[None]), _paper_axes(end[None])
@@ -319,7 +318,7 @@ def _joint_colour(joint: int) -> str:
 
 
 def planner_colours(names: Iterable[str]) -> dict[str, str]:
-    """Colours by name of planner: the paper's for the paper's planners, `OTHER_COLOURS` for others."""
+    """Colours by planner: `PLANNER_COLOURS`, and `OTHER_COLOURS` in turn for other names."""
     others = [name for name in names if name not in PLANNER_COLOURS]
     return PLANNER_COLOURS | {
         name: OTHER_COLOURS[i % len(OTHER_COLOURS)] for i, name in enumerate(others)
