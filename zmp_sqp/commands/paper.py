@@ -1,4 +1,4 @@
-"""`zmp-sqp paper`: results of Song & Sharf 2020 beside our own, as tables and figures."""
+"""`zmp-sqp paper`: results of Song & Sharf 2020 beside those of zmp_sqp, as tables and figures."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ PAPER_KEYS = """\
             lower_bound, margin (proven), sampled, iterations, qp_solver, time
   slews     per radius: duration of the analytic slew and of the SQP, and computation times
   ladder    per payload, boom_deg, reach and model: numbers of the planner; status "refused" if
-            the machine tips over at rest
+            the problem is invalid, as for a machine that tips over at rest
   failures  sentences about motions that are unsafe or slower than the paper's
   versions  of zmp-sqp, Python and the packages that the result depends on
   time      [s] wall time

@@ -24,9 +24,10 @@ from zmp_sqp.commands.console import (
 from zmp_sqp.commands.exit_codes import DONE, UNSAFE
 from zmp_sqp.planning import Plan, Problem, Trajectory, diagnose, phase_plane, plan
 from zmp_sqp.scenario import load_scenario
-from zmp_sqp.show.plots import joint_unit, plot_joints, plot_zmp
+from zmp_sqp.show.joint_plots import joint_unit, plot_joints
 from zmp_sqp.show.results import RESULT_KEYS, make_result
 from zmp_sqp.show.tables import history_table, joint_table, summary_table
+from zmp_sqp.show.zmp_plots import plot_zmp
 
 if TYPE_CHECKING:
     from rich.console import Console

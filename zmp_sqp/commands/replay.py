@@ -40,7 +40,7 @@ __all__ = ["REPLAY_FILES", "REPLAY_KEYS", "add_replay", "replay_result", "run_re
 REPLAY_FILES = ("replay.json", "replay.png", "replay.gif")
 PLANNED, FROM_FILE, BASELINE = "planned", "file", "phase plane"  # names of motions
 DESCRIPTION = """\
-In MuJoCo the machine stands free on its slope, under contact and friction, and follows the motion:
+In MuJoCo the machine stands free on the ground, under contact and friction, and follows the motion:
 that of a CSV file; or, for a scenario, the planned motion and beside it the phase-plane baseline,
 which ignores the ZMP. The base has to stand: plans whose base drives cannot be replayed.
 """
@@ -64,12 +64,12 @@ REPLAY_KEYS = """\
 """
 
 
-class Motions(NamedTuple):
-    """Motions to replay.
+class _Motions(NamedTuple):
+    """_Motions to replay.
 
     Attributes:
         scenario: Scenario that gives machine and ground.
-        by_name: Motions by name; the exit code judges the first.
+        by_name: _Motions by name; the exit code judges the first.
         message: Why there is no planned motion; None if there is one.
     """
 
@@ -183,8 +183,8 @@ def replay_result(found: Replay) -> dict[str, Any]:
     }
 
 
-def _motions(source: str, scenario: str | None, margin: float | None) -> Motions:
-    """Motions that the arguments ask for; the baseline only if it is from rest to rest.
+def _motions(source: str, scenario: str | None, margin: float | None) -> _Motions:
+    """_Motions that the arguments ask for; the baseline only if it is from rest to rest.
 
     Args:
         source: Scenario, or path of a CSV file.
@@ -210,7 +210,7 @@ def _motions(source: str, scenario: str | None, margin: float | None) -> Motions
     if problem.base is not None:
         raise ScenarioError(f"{loaded.path}: its base drives; a replay needs one that stands")
     if from_file:
-        return Motions(loaded, {FROM_FILE: Trajectory.from_csv(path, problem.machine)}, None)
+        return _Motions(loaded, {FROM_FILE: Trajectory.from_csv(path, problem.machine)}, None)
     found, motions = plan(problem, qp_solver=loaded.qp_solver), {}
     if found.success:
         motions[PLANNED] = found.trajectory
@@ -219,7 +219,7 @@ def _motions(source: str, scenario: str | None, margin: float | None) -> Motions
     message = None if found.success else found.message
     if not motions:
         raise ScenarioError(f"{loaded.path}: no motion to replay: {message}")
-    return Motions(loaded, motions, message)
+    return _Motions(loaded, motions, message)
 
 
 def _scenario_beside(path: Path) -> str:

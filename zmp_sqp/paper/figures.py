@@ -17,7 +17,8 @@ from zmp_sqp.paper.runs import BASE, Motions
 from zmp_sqp.planning import Trajectory
 from zmp_sqp.planning.closed_forms.base_bound import moving_base_zmp
 from zmp_sqp.planning.closed_forms.base_motion import BaseMotion
-from zmp_sqp.show.plots import draw_loci, new_figure, planner_colours, plot_zmp, sample_times, save
+from zmp_sqp.show.canvas import new_figure, planner_colours, sample_times, save
+from zmp_sqp.show.zmp_plots import draw_loci, plot_zmp
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -10,7 +10,7 @@ from zmp_sqp.errors import ContactLost
 from zmp_sqp.mechanics import stability_margin
 from zmp_sqp.planning import Plan, Problem, Trajectory
 from zmp_sqp.scenario import Scenario
-from zmp_sqp.show.plots import sample_times
+from zmp_sqp.show.canvas import sample_times
 from zmp_sqp.versions import installed_versions
 
 __all__ = ["RESULT_KEYS", "make_result", "plan_fields"]
