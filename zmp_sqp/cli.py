@@ -39,8 +39,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return code
     except KeyboardInterrupt:
         return INTERRUPTED
-    except (BrokenPipeError, SystemExit):  # the reader of the pipe, such as `head`, has ended;
-        # rich turns BrokenPipeError into SystemExit. The interpreter flushes once more at its exit:
+    except (BrokenPipeError, SystemExit):
+        # The reader of the pipe, such as `head`, has ended; rich turns BrokenPipeError into
+        # SystemExit. The interpreter flushes standard output at exit; that must not fail again.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return BROKEN_PIPE
     except ZmpSqpError as error:

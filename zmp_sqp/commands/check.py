@@ -43,8 +43,8 @@ if TYPE_CHECKING:
 
 __all__ = ["add_check", "run_check"]
 
-SHARES = np.linspace(0.0, 1.0, 11)  # of each interval, where the other measures are sampled
-# Stability measures beside the margin, and which of their values is the worst.
+SHARES = np.linspace(0.0, 1.0, 11)  # of each interval, at which `MEASURES` are sampled
+# Stability measures beside the margin, each with the function that finds its worst value.
 MEASURES = {"load_transfer_ratio": max, "force_angle": min, "tip_over_energy": min}
 DESCRIPTION = """\
 Prove, for all t and not only at samples, how far the ZMP of a motion stays inside the support

@@ -1,7 +1,7 @@
 """Options of a command that describe machine, ground and uncertainties.
 
-They become the tables of a scenario file, from which `zmp_sqp.scenario.scene` builds machine and
-ground; so both are understood alike.
+The options are turned into the tables of a scenario file, from which `zmp_sqp.scenario.scene`
+builds machine and ground. Options and scenario files thus obey one set of rules.
 """
 
 from __future__ import annotations

@@ -161,7 +161,7 @@ def run_plan(arguments: argparse.Namespace) -> int:
 
 
 def _baseline(problem: Problem) -> Trajectory | None:
-    """Phase-plane motion, which ignores the ZMP; None unless a standing base and rest to rest."""
+    """Phase-plane baseline, which ignores the ZMP; None if base, start or goal is in motion."""
     if problem.base is not None or np.any(problem.start_velocity) or np.any(problem.goal_velocity):
         return None
     return phase_plane(problem.machine, problem.start, problem.goal)

@@ -65,7 +65,7 @@ REPLAY_KEYS = """\
 
 
 class _Motions(NamedTuple):
-    """_Motions to replay.
+    """Motions to replay, on the machine and ground of a scenario.
 
     Attributes:
         scenario: Scenario that gives machine and ground.
@@ -129,7 +129,7 @@ def _add_motion_options(command: argparse.ArgumentParser) -> None:
 
 
 def run_replay(arguments: argparse.Namespace) -> int:
-    """Replay, print and write; returns the exit code: a motion was found and stands, or not."""
+    """Replay, print and write; returns the exit code: whether a motion was found and the machine stands."""
     load_mujoco()  # a missing engine fails before the planning
     scenario, motions, message = _motions(arguments.source, arguments.scenario, arguments.margin)
     problem = scenario.problem
@@ -184,7 +184,7 @@ def replay_result(found: Replay) -> dict[str, Any]:
 
 
 def _motions(source: str, scenario: str | None, margin: float | None) -> _Motions:
-    """_Motions that the arguments ask for; the baseline only if it is from rest to rest.
+    """Motions that the arguments ask for, with the baseline if it is from rest to rest.
 
     Args:
         source: Scenario, or path of a CSV file.

@@ -1,4 +1,4 @@
-"""Scenario files are read and turned into planning problems."""
+"""Loading of scenario files as planning problems."""
 
 from __future__ import annotations
 

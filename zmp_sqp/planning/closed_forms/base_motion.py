@@ -106,7 +106,7 @@ def asymmetric_profile(
         return Trajectory(("base",), np.array([0.0, least_duration]), still, still, still[:1])
     D = abs(distance)
     up, down = (forward, backward) if distance > 0.0 else (backward, forward)
-    # D = v^2 ramps without coasting
+    # without coasting, D = v^2 * ramps
     ramps = 0.5 / up + 0.5 / down
     speed = min(max_speed, float(np.sqrt(D / ramps)))
     coast = D / speed - speed * ramps
