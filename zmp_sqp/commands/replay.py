@@ -129,7 +129,10 @@ def _add_motion_options(command: argparse.ArgumentParser) -> None:
 
 
 def run_replay(arguments: argparse.Namespace) -> int:
-    """Replay, print and write; returns the exit code: whether a motion was found and the machine stands."""
+    """Replay, print and write; returns the exit code.
+
+    It is DONE if the motion was found and the machine does not tip over, else UNSAFE.
+    """
     load_mujoco()  # a missing engine fails before the planning
     scenario, motions, message = _motions(arguments.source, arguments.scenario, arguments.margin)
     problem = scenario.problem

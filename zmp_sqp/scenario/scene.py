@@ -16,7 +16,7 @@ import numpy as np
 from zmp_sqp.errors import ProblemError
 from zmp_sqp.mechanics import Heightmap, Machine, Payload, Slope, SupportPolygon, load_machine
 from zmp_sqp.mechanics.uncertainty import com_box
-from zmp_sqp.planning.problem.problem import UNCERTAINTIES
+from zmp_sqp.planning.problem.checks import UNCERTAINTIES
 from zmp_sqp.scenario.schema import PLAN
 
 __all__ = ["DEGREES", "build_ground", "build_machine", "build_uncertainties"]
