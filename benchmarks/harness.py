@@ -13,7 +13,6 @@ import os
 import platform
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -24,6 +23,7 @@ from rich.table import Table
 from rich.text import Text
 
 import zmp_sqp as zs
+from zmp_sqp.versions import installed_versions
 
 __all__ = [
     "Timing",
@@ -48,18 +48,7 @@ __all__ = [
 T = TypeVar("T")
 Row = dict[str, Any]  # result of one problem, by column
 
-PACKAGES = (
-    "numpy",
-    "scipy",
-    "pin",
-    "proxsuite",
-    "piqp",
-    "qpsolvers",
-    "clarabel",
-    "daqp",
-    "casadi",
-    "mujoco",
-)
+PEERS = ("clarabel", "casadi", "mujoco")  # packages that only benchmarks compare with
 EVALUATIONS = 100  # calls in one F: both ends of 50 intervals
 QUANTILES = (
     ("min", 0),
@@ -236,17 +225,11 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[Any]
 
 
 def versions() -> dict[str, str]:
-    """What was measured with what."""
-    found = {
-        "python": platform.python_version(),
+    """Computer, and versions of Python and of the packages that were measured."""
+    return {
         "machine": f"{platform.system()} {platform.machine()}",
+        **installed_versions(*PEERS),
     }
-    for package in PACKAGES:
-        try:
-            found[package] = version(package)
-        except PackageNotFoundError:
-            found[package] = "not installed"
-    return found | {"zmp_sqp": zs.__version__}
 
 
 def provenance() -> dict[str, Any]:

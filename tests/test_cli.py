@@ -14,8 +14,9 @@ from typing import Any
 import pytest
 
 import zmp_sqp.cli as cli
+import zmp_sqp.commands.plan as plan_command
 from zmp_sqp.scenario import SCHEMA, load_scenario, shipped_scenarios
-from zmp_sqp.show.report import RESULT_KEYS
+from zmp_sqp.show.results import RESULT_KEYS
 
 TIPPING = """
 [machine]
@@ -69,14 +70,14 @@ def failing(monkeypatch: pytest.MonkeyPatch, fault: BaseException) -> None:
     def plan(*_: object, **__: object) -> None:
         raise fault
 
-    monkeypatch.setattr(cli, "plan", plan)
+    monkeypatch.setattr(plan_command, "plan", plan)
 
 
 # --- 0: done and safe ---------------------------------------------------------------------------
 
 
 def test_out_holds_trajectory_results_and_figures(out: Path) -> None:
-    assert {path.name for path in out.iterdir()} == set(cli.FILES)
+    assert {path.name for path in out.iterdir()} == set(plan_command.PLAN_FILES)
     assert all(path.stat().st_size > 500 for path in out.iterdir())
     result = json.loads((out / "plan.json").read_text())
     assert result["success"] is True

@@ -178,15 +178,7 @@ def test_importing_the_package_loads_neither_plots_nor_qp_backends():
 
 LONGEST_FUNCTION = 60  # lines
 LONGER = {  # functions that may be longer, with the reason
-    "zmp_sqp.cli._parser": "to be split",
-    "zmp_sqp.commands.check.add_check": "to be split",
-    "zmp_sqp.planning.closed_forms.base_bound.plan_base": "to be split",
-    "zmp_sqp.planning.closed_forms.phase_plane.phase_plane": "to be split",
-    "zmp_sqp.planning.closed_forms.slew.analytic_slew": "to be split",
-    "zmp_sqp.planning.closed_forms.slew_circle.slew_insight": "to be split",
     "zmp_sqp.planning.search.diagnosis.diagnose": "to be split",
-    "zmp_sqp.show.plots.draw_loci": "to be split",
-    "zmp_sqp.show.plots.plot_joints": "to be split",
     "zmp_sqp.sqp.solver.minimize": "to be split",
 }
 

@@ -58,7 +58,7 @@ def test_blind_motions_leave_the_polygon_and_ours_do_not(result: dict[str, Any])
 def test_the_base_backs_up_beside_the_arm_with_the_zmp_inside(result: dict[str, Any]) -> None:
     blind, *ways = next(entry for entry in result["tests"] if entry["name"] == "test_2")["base"]
     assert blind["margin"] < -0.3
-    assert [way["distance"] for way in ways] == list(paper.WAYS)
+    assert [way["distance"] for way in ways] == list(paper.DISTANCES)
     for way in ways:
         assert way["margin"] >= -paper.MARGIN_TOLERANCE
         assert way["lower"] < 0.0 < way["upper"]
@@ -70,9 +70,9 @@ def test_base_and_arm_together_are_as_fast_as_two_steps_or_faster_and_as_safe(
     result: dict[str, Any],
 ) -> None:
     rows = result["driving"]
-    assert len(rows) == 3 * len(paper.WAYS)
+    assert len(rows) == 3 * len(paper.DISTANCES)
     assert all(row["success"] and 0.0 <= row["margin"] <= row["sampled"] for row in rows)
-    for distance in paper.WAYS:
+    for distance in paper.DISTANCES:
         *steps, together = (row for row in rows if row["distance"] == distance)
         assert together["planner"] == TOGETHER
         assert together["duration"] == pytest.approx(PAPER, rel=GRID)

@@ -15,7 +15,9 @@ from zmp_sqp.paper.runs import Motions
 from zmp_sqp.planning import Plan, Trajectory, phase_plane, plan
 from zmp_sqp.planning.closed_forms.base_motion import asymmetric_profile
 from zmp_sqp.scenario import load_scenario
-from zmp_sqp.show.plots import PLANNER_COLOURS, plot_joints, plot_zmp, sample_times
+from zmp_sqp.show.canvas import PLANNER_COLOURS, sample_times
+from zmp_sqp.show.joint_plots import plot_joints
+from zmp_sqp.show.zmp_plots import plot_zmp
 
 pytest.importorskip("matplotlib")
 
@@ -130,7 +132,7 @@ def test_no_figure_leaves_a_trace_in_pyplot(planned: Plan, tmp_path: Path) -> No
 
 def test_matplotlib_and_rich_are_not_imported_before_they_are_needed() -> None:
     loaded = "[m for m in ('matplotlib', 'rich') if m in sys.modules]"
-    code = f"import sys, zmp_sqp.cli, zmp_sqp.show.plots; print({loaded})"
+    code = f"import sys, zmp_sqp.cli, zmp_sqp.show.joint_plots; print({loaded})"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 
@@ -189,7 +191,7 @@ def test_a_base_that_drives_is_drawn_with_its_limits_its_path_and_its_footprints
     assert len(joints.axes) == 3
     way, speed, yaw, yaw_rate = drive.axes
     assert [axes.get_ylabel() for axes in drive.axes] == [
-        "way [m]",
+        "distance [m]",
         "speed [m/s]",
         "yaw [rad]",
         "yaw rate [rad/s]",

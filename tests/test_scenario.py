@@ -246,6 +246,11 @@ MISTAKES = {
     ),
     "slope like a wall": ("-20.0", "-90.0", r"\[ground\]: slope roll must lie within"),
     "too few intervals": ("[ground]", "[plan]\nintervals = 1\n[ground]", "intervals"),
+    "slope beyond all doubt": (
+        "[ground]",
+        "[plan]\nslope_uncertainty_deg = 40\n[ground]",
+        r"\[plan\]: slope_uncertainty_deg must lie within \[0, 28.65\] degrees, not 40",
+    ),
     "unknown model": ("[ground]", '[plan]\nmodel = "half"\n[ground]', "model.*half"),
     "goal outside its limits": ("goal_deg = [180.0", "goal_deg = [1800.0", "slew"),
     "not TOML": ("[ground]", "[ground", "not a TOML file"),

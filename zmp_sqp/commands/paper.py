@@ -1,43 +1,107 @@
-"""`zmp-sqp paper`: run everything, show progress, print the tables, write the files."""
+"""`zmp-sqp paper`: results of Song & Sharf 2020 beside those of zmp_sqp, as tables and figures."""
 
 from __future__ import annotations
 
-import json
+import argparse
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from zmp_sqp.commands.console import (
+    add_command,
+    add_json_option,
+    add_out_option,
+    make_console,
+    prepare_folder,
+    print_lines,
+    to_json,
+    without_matplotlib,
+    write_json,
+)
+from zmp_sqp.commands.exit_codes import DONE, UNSAFE
 from zmp_sqp.paper.driving import driving_failures, run_driving
 from zmp_sqp.paper.figures import FIGURES, draw_figures
 from zmp_sqp.paper.ladder import RUNGS, ladder
 from zmp_sqp.paper.runs import TESTS, Motions, failures, run_slews, run_test
 from zmp_sqp.paper.tables import markdown, sheets, terminal
-from zmp_sqp.show.report import versions
+from zmp_sqp.versions import installed_versions
 
-if TYPE_CHECKING:
-    from rich.console import Console
+__all__ = ["PAPER_FILES", "PAPER_KEYS", "add_paper", "paper_result", "run_paper"]
 
-__all__ = ["PAPER_FILES", "PAPER_KEYS", "paper_result", "run_paper"]
-
-PAPER_FILES = ("paper.md", "paper.json", *FIGURES)  # what `--out` writes
-WIDE = 170  # columns of tables that go into a file or a pipe
+PAPER_FILES = ("paper.md", "paper.json", *FIGURES)  # files of `--out`
+PIPE_WIDTH = 170  # columns of the widest table
+STEPS = len(TESTS) + 2  # of the progress bar without the ladder: tests, driving base, slews
+DESCRIPTION = """\
+Plan both tests of Song & Sharf 2020 with every planner and with variants that correct misprints,
+the base's motion under eq. (21), the analytic slew, and a ladder of growing payloads and reaches.
+Print tables, write figures.
+"""
+EXAMPLES = """\
+examples:
+  zmp-sqp paper --out out/paper         tables and figures 3, 4, 5, 6; a minute or two
+  zmp-sqp paper --no-ladder --json -    results for another program
+"""
 PAPER_KEYS = """\
 --json writes one object; SI units, null where there is no value:
-  tests     of each test: name, title, planners (by name: duration, margin and, for ours, success,
-            status, message, lower_bound, iterations, qp_solver, time, time_in_F, F) and base (of
-            each way: distance, duration, margin; under eq. (21) lower, upper, factor,
-            peak_acceleration)
-  driving   test 2 with the base, of each distance and planner: success, status, message, duration,
+  tests     per test: name, title, planners (by name: duration, margin and, for zmp_sqp's, success,
+            status, message, lower_bound, iterations, qp_solver, time, time_in_F, F) and base (per
+            distance: distance, duration, margin; for motions under eq. (21) also lower, upper,
+            factor, peak_acceleration)
+  driving   test 2 with the base, per distance and planner: success, status, message, duration,
             lower_bound, margin (proven), sampled, iterations, qp_solver, time
-  slews     analytic and sqp duration for each radius, with their times
-  ladder    a planner's numbers for each payload, boom_deg, reach and model; status "refused" where
-  the
-            problem is none
-  failures  sentences: what should be safe, or as fast as the paper, and is not
-  versions  of Python, of this package and of what it stands on
-  time_in_F is in units of 100 calls of Pinocchio's computeRNEADerivatives, CPU time against
-  CPU time, measured beside each plan; time is the wall's.
+  slews     per radius: duration of the analytic slew and of the SQP, and computation times
+  ladder    per payload, boom_deg, reach and model: numbers of the planner; status "refused" if
+            the problem is invalid, as for a machine that tips over at rest
+  failures  sentences about motions that are unsafe or slower than the paper's
+  versions  of zmp-sqp, Python and the packages that the result depends on
+  time      [s] wall time
+  time_in_F CPU time in units of 100 calls of Pinocchio's computeRNEADerivatives; F is the CPU
+            time of these calls, measured beside each plan
 """
+
+
+def add_paper(commands: Any) -> None:
+    """Add the command `paper`.
+
+    Args:
+        commands: Subcommands of an argparse parser.
+    """
+    command = add_command(
+        commands,
+        "paper",
+        run_paper,
+        summary="tables and figures of Song & Sharf 2020 beside zmp_sqp's",
+        description=DESCRIPTION,
+        notes=(EXAMPLES, PAPER_KEYS),
+    )
+    add_out_option(command, PAPER_FILES)
+    add_json_option(command)
+    command.add_argument(
+        "--qp-solver",
+        default="proxqp",
+        metavar="NAME",
+        help="QP solver of the tests (default: proxqp)",
+    )
+    command.add_argument(
+        "--repeats",
+        type=_count,
+        default=5,
+        metavar="K",
+        help="number of plans of which times are the median (default: 5)",
+    )
+    command.add_argument(
+        "--no-ladder", dest="ladder", action="store_false", help="leave out the ladder"
+    )
+    command.add_argument(
+        "--no-figures", dest="figures", action="store_false", help="write no figures"
+    )
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"must be a whole number of at least 1, not {text!r}")
+    return int(text)
 
 
 def paper_result(
@@ -47,16 +111,16 @@ def paper_result(
     rungs: tuple[tuple[float, float], ...] = RUNGS,
     step: Callable[[str], None] = lambda _: None,
 ) -> tuple[dict[str, Any], dict[str, Motions]]:
-    """Everything that the command computes.
+    """Plan everything that the command shows.
 
     Args:
-        qp_solver: Of the tests; ladder and slews have theirs.
-        repeats: How often each plan of the tests is timed.
-        rungs: (payload [kg], boom angle [deg]) of the ladder; none leaves it out.
-        step: Called with what comes next.
+        qp_solver: QP solver of the tests; ladder and slews have their own.
+        repeats: Number of times that each plan of the tests is timed.
+        rungs: (payload [kg], boom angle [deg]) of the ladder; empty leaves out the ladder.
+        step: Called with the name of each step before it begins.
 
     Returns:
-        What `--json` writes (`PAPER_KEYS`), and the motions of each test.
+        The object that `--json` writes (`PAPER_KEYS`), and the motions of each test by name.
     """
     tests, motions = [], {}
     for name, (_, title) in TESTS.items():
@@ -76,27 +140,39 @@ def paper_result(
         step(f"ladder, {payload / 1e3:g} t at {boom:g} degrees")
         result["ladder"] += ladder(((payload, boom),))
     broken = failures(result) + driving_failures(driving)
-    return result | {"failures": broken, "versions": versions()}, motions
+    return result | {"failures": broken, "versions": installed_versions()}, motions
 
 
-def run_paper(
-    *,
-    out: Path | None,
-    json_file: str | None,
-    with_ladder: bool,
-    figures: bool,
-    qp_solver: str,
-    repeats: int,
-) -> bool:
-    """Run, print and write everything; whether all that should be safe is."""
+def run_paper(arguments: argparse.Namespace) -> int:
+    """Plan, print and write; returns the exit code."""
+    out = arguments.out
+    prepare_folder(out, PAPER_FILES)
+    rungs = RUNGS if arguments.ladder else ()
+    with _progress(total=STEPS + len(rungs)) as step:
+        result, motions = paper_result(
+            qp_solver=arguments.qp_solver, repeats=arguments.repeats, rungs=rungs, step=step
+        )
+
+    console = make_console(arguments.json, pipe_width=PIPE_WIDTH)
+    tables = sheets(result)
+    for sheet in tables:
+        console.print(terminal(sheet))
+    for failure in result["failures"]:
+        console.print(failure, style="bold red", soft_wrap=True)
+    text = to_json(result, indent=1)
+    if out is not None:
+        drawn = motions if arguments.figures else {}
+        print_lines(console, _write(out, "\n".join(map(markdown, tables)), text, drawn))
+    write_json(text, arguments.json, console)
+    return UNSAFE if result["failures"] else DONE
+
+
+@contextmanager
+def _progress(*, total: int) -> Iterator[Callable[[str], None]]:
+    """Progress bar on standard error; yields the function that begins a step of the given name."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-    if out is not None:
-        out.mkdir(parents=True, exist_ok=True)  # fails before the work, not after it
-        for name in PAPER_FILES:
-            (out / name).unlink(missing_ok=True)
-    rungs = RUNGS if with_ladder else ()
     screen = Console(stderr=True)
     columns = (
         TextColumn("{task.description}"),
@@ -107,53 +183,23 @@ def run_paper(
     with Progress(
         *columns, console=screen, transient=True, disable=not screen.is_terminal
     ) as progress:
-        task = progress.add_task("", total=len(TESTS) + 2 + len(rungs), completed=-1)
-
-        def step(what: str) -> None:
-            progress.update(task, advance=1, description=what)
-
-        result, motions = paper_result(qp_solver=qp_solver, repeats=repeats, rungs=rungs, step=step)
-
-    console = _console(stderr=json_file == "-")
-    tables = sheets(result)
-    for sheet in tables:
-        console.print(terminal(sheet))
-    for failure in result["failures"]:
-        console.print(failure, style="bold red", soft_wrap=True)
-    text = json.dumps(result, indent=1, allow_nan=False) + "\n"
-    if out is not None:
-        for line in _write(out, "\n".join(map(markdown, tables)), text, motions if figures else {}):
-            console.print(line, soft_wrap=True)
-    if json_file == "-":
-        print(text, end="")
-    elif json_file is not None:
-        Path(json_file).write_text(text, encoding="utf-8")
-        console.print(f"wrote {json_file}", soft_wrap=True)
-    return not result["failures"]
-
-
-def _console(*, stderr: bool) -> Console:
-    from rich.console import Console
-
-    console = Console(stderr=stderr, highlight=False, markup=False)  # [m] is a unit, no markup
-    return (
-        console
-        if console.is_terminal
-        else Console(stderr=stderr, highlight=False, markup=False, width=WIDE)
-    )
+        # the first step completes nothing
+        task = progress.add_task("", total=total, completed=-1)
+        yield lambda name: progress.update(task, advance=1, description=name)
 
 
 def _write(folder: Path, tables: str, text: str, motions: Mapping[str, Motions]) -> Iterator[str]:
-    """Write the files of `--out` one by one; yields a line about each."""
+    """Write the files of `--out` one by one; yields a line about each.
+
+    Args:
+        folder: The folder.
+        tables: Content of paper.md.
+        text: Content of paper.json.
+        motions: Motions of each test for the figures; empty writes none.
+    """
     for name, content in (("paper.md", tables), ("paper.json", text)):
         (folder / name).write_text(content, encoding="utf-8")
         yield f"wrote {folder / name}"
-    if not motions:
-        return
-    try:
-        for path in draw_figures(motions["test_1"], motions["test_2"], folder):
-            yield f"wrote {path}"
-    except ModuleNotFoundError as missing:
-        if missing.name is None or missing.name.partition(".")[0] != "matplotlib":
-            raise
-        yield "no figures: they need matplotlib, which `pip install zmp-sqp[plots]` brings"
+    if motions:
+        paths = draw_figures(motions["test_1"], motions["test_2"], folder)
+        yield from without_matplotlib(f"wrote {path}" for path in paths)

@@ -1,147 +1,171 @@
-"""`zmp-sqp replay`: motions on a machine that stands free on its slope, in MuJoCo; print, draw, write."""
+"""`zmp-sqp replay`: simulate motions in MuJoCo with the machine free to tip over."""
 
 from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from zmp_sqp.commands.console import (
+    add_command,
+    add_json_option,
+    add_out_option,
+    make_console,
+    prepare_folder,
+    print_lines,
+    to_json,
+    write_json,
+)
+from zmp_sqp.commands.exit_codes import DONE, UNSAFE
 from zmp_sqp.errors import MissingExtra, ScenarioError, TrajectoryError
-from zmp_sqp.planning import Problem, Trajectory, certify, phase_plane, plan
-from zmp_sqp.scenario import load_scenario, shipped_scenarios
-from zmp_sqp.show.report import versions
+from zmp_sqp.planning import Trajectory, certify, phase_plane, plan
+from zmp_sqp.scenario import Scenario, load_scenario, shipped_scenarios
+from zmp_sqp.show.tables import new_table
 from zmp_sqp.simulation import Replay, replay
 from zmp_sqp.simulation.engine import load_mujoco
 from zmp_sqp.simulation.pictures import draw_strip, draw_video
+from zmp_sqp.versions import installed_versions
 
 if TYPE_CHECKING:
     from rich.table import Table
 
 __all__ = ["REPLAY_FILES", "REPLAY_KEYS", "add_replay", "replay_result", "run_replay"]
 
-# what `--out` writes, the last one with --video
+# files of `--out`; the last one with --video only
 REPLAY_FILES = ("replay.json", "replay.png", "replay.gif")
-PLANNED, FROM_FILE, BASELINE = "planned", "file", "phase plane"
+PLANNED, FROM_FILE, BASELINE = "planned", "file", "phase plane"  # names of motions
+DESCRIPTION = """\
+In MuJoCo the machine stands free on the ground, under contact and friction, and follows the motion:
+that of a CSV file; or, for a scenario, the planned motion and beside it the phase-plane baseline,
+which ignores the ZMP. The base has to stand: plans whose base drives cannot be replayed.
+"""
+EXAMPLES = """\
+examples:
+  zmp-sqp replay paper_1 --out out/replay      table, picture strip
+  zmp-sqp replay out/paper_1/trajectory.csv    file that `plan paper_1 --out out/paper_1` wrote
+  zmp-sqp replay my.csv --scenario my_machine.toml --video --out out/mine
+"""
 REPLAY_KEYS = """\
 --json writes one object; SI units, null where there is no value:
-  scenario, title  what was replayed
-  message          why there is no planned motion
-  motions          by name (planned or file, phase plane): duration, margin (certified, negative
-  outside),
-                   max_tilt [rad], lift (largest height of a corner of the tracks), lift_at,
-                   lifted_at (first above 5 mm), tipped, pivot (edge that it tips over),
-                   least_edge_load (of the tracks, [N]), least_loaded_edge, least_loads (by corner),
-                   slide, tracking_error, fell (beyond 45 degrees)
-  versions         of Python, of this package and of what it stands on
+  scenario, title  name and title of the scenario
+  message          why there is no planned motion; null if there is one
+  motions          by name (planned or file, phase plane): duration; margin (certified, negative
+                   outside); max_tilt [rad]; lift (largest height of a corner of the support
+                   polygon), lift_at (its time), lifted_at (first time above 5 mm); tipped, pivot
+                   (edge over which the machine tips); least_edge_load [N], least_loaded_edge,
+                   least_loads [N] (per corner); slide (largest displacement along the ground);
+                   tracking_error (of the joints); fell (tilted by more than 45 degrees)
+  versions         of zmp-sqp, Python and the packages that the result depends on
 """
 
 
-def add_replay(commands: Any, shipped: str, exit_codes: str) -> None:
-    """Add the subcommand to an argparse parser's subcommands."""
-    command = commands.add_parser(
+class _Motions(NamedTuple):
+    """Motions to replay, on the machine and ground of a scenario.
+
+    Attributes:
+        scenario: Scenario that gives machine and ground.
+        by_name: _Motions by name; the exit code judges the first.
+        message: Why there is no planned motion; None if there is one.
+    """
+
+    scenario: Scenario
+    by_name: Mapping[str, Trajectory]
+    message: str | None
+
+
+def add_replay(commands: Any, shipped: str) -> None:
+    """Add the command `replay`.
+
+    Args:
+        commands: Subcommands of an argparse parser.
+        shipped: Help text that lists the shipped scenarios.
+    """
+    command = add_command(
+        commands,
         "replay",
-        help="replay a motion in a physics engine: does the machine tip over?",
-        description=(
-            "The machine stands free on its slope in MuJoCo, under contact and friction, and follows the motion: of\n"
-            "a scenario the planned one and, beside it, the one that knows no ZMP; or the one of a CSV file. The base\n"
-            "has to stand: plans whose base drives cannot be replayed."
-        ),
-        epilog=(
-            "examples:\n"
-            "  zmp-sqp replay paper_1 --out out/replay     table, picture strip\n"
-            "  zmp-sqp replay out/paper_1/trajectory.csv   a file that `plan paper_1 --out out/paper_1` wrote\n"
-            "  zmp-sqp replay my.csv --scenario my_machine.toml --video --out out/mine\n\n"
-            f"{shipped}{REPLAY_KEYS}\n{exit_codes}"
-        ),
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        run_replay,
+        summary="replay a motion in a physics engine: does the machine tip over?",
+        description=DESCRIPTION,
+        notes=(EXAMPLES, shipped, REPLAY_KEYS),
     )
-    command.set_defaults(run=run_replay)
     command.add_argument(
         "source",
         metavar="SCENARIO_OR_CSV",
-        help="a scenario as `plan` takes it, or a trajectory's CSV",
+        help="a scenario (file or shipped name), or the CSV file of a trajectory",
     )
-    command.add_argument("--scenario", metavar="SCENARIO", help="machine and ground of a CSV file")
-    command.add_argument(
-        "--margin", type=float, metavar="M", help="[m] from ZMP to edges (default: the scenario's)"
-    )
-    command.add_argument(
-        "--out",
-        type=Path,
-        metavar="DIR",
-        help=f"write {', '.join(REPLAY_FILES)}, in place of old ones",
-    )
-    command.add_argument(
-        "--json",
-        metavar="FILE",
-        help="write the results; - is standard output, with nothing else there",
-    )
+    _add_motion_options(command)
+    add_out_option(command, REPLAY_FILES)
+    add_json_option(command)
     command.add_argument(
         "--video", action="store_true", help=f"write {REPLAY_FILES[-1]} too; it takes a while"
     )
     command.add_argument(
         "--no-pictures", dest="pictures", action="store_false", help="draw nothing"
     )
+
+
+def _add_motion_options(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--scenario", metavar="SCENARIO", help="scenario that gives a CSV file machine and ground"
+    )
+    command.add_argument(
+        "--margin",
+        type=float,
+        metavar="M",
+        help="[m] least distance from the ZMP to every edge (default: the scenario's)",
+    )
     command.add_argument(
         "--time-step",
         type=float,
         default=1e-3,
         metavar="S",
-        help="[s] of the physics (default: 0.001)",
+        help="[s] step of the physics engine (default: 0.001)",
     )
 
 
 def run_replay(arguments: argparse.Namespace) -> int:
-    """Replay, print, write; 0 if the motion was found and stands, 1 if not."""
-    from rich.console import Console
+    """Replay, print and write; returns the exit code.
 
-    load_mujoco()  # says what is missing before the work, not after it
-    name, title, problem, motions, message = _motions(
-        arguments.source, arguments.scenario, arguments.margin
-    )
-    out, json_file = arguments.out, arguments.json
-    if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
-        for file in REPLAY_FILES:
-            (out / file).unlink(missing_ok=True)
+    It is DONE if the motion was found and the machine does not tip over, else UNSAFE.
+    """
+    load_mujoco()  # a missing engine fails before the planning
+    scenario, motions, message = _motions(arguments.source, arguments.scenario, arguments.margin)
+    problem = scenario.problem
+    prepare_folder(arguments.out, REPLAY_FILES)
     replays = {
-        label: replay(problem.machine, motion, problem.ground, time_step=arguments.time_step)
-        for label, motion in motions.items()
+        name: replay(problem.machine, motion, problem.ground, time_step=arguments.time_step)
+        for name, motion in motions.items()
     }
     result: dict[str, Any] = {
-        "scenario": name,
-        "title": title,
+        "scenario": scenario.name,
+        "title": scenario.title,
         "message": message,
-        "motions": {label: replay_result(found) for label, found in replays.items()},
-        "versions": versions("mujoco"),
+        "motions": {name: replay_result(found) for name, found in replays.items()},
+        "versions": installed_versions("mujoco"),
     }
-    # [m] is a unit, no markup
-    console = Console(stderr=json_file == "-", highlight=False, markup=False)
-    console.print(f"{name}: {title}", style="bold", soft_wrap=True)
+    console = make_console(arguments.json)
+    console.print(f"{scenario.name}: {scenario.title}", style="bold", soft_wrap=True)
     console.print(_table(result["motions"]))
     if message is not None:
         console.print(message, style="bold red", soft_wrap=True)
-    text = json.dumps(result, indent=2, allow_nan=False) + "\n"
+    text, out = to_json(result), arguments.out
     if out is not None:
-        (out / "replay.json").write_text(text, encoding="utf-8")
-        console.print(f"wrote {out / 'replay.json'}", soft_wrap=True)
-        for line in _draw(replays, out, video=arguments.video) if arguments.pictures else ():
-            console.print(line, soft_wrap=True)
-    if json_file == "-":
-        print(text, end="")
-    elif json_file is not None:
-        Path(json_file).write_text(text, encoding="utf-8")
-        console.print(f"wrote {json_file}", soft_wrap=True)
-    return 0 if message is None and not next(iter(replays.values())).tipped else 1
+        (out / REPLAY_FILES[0]).write_text(text, encoding="utf-8")
+        print_lines(console, [f"wrote {out / REPLAY_FILES[0]}"])
+        if arguments.pictures:
+            print_lines(console, _draw(replays, out, video=arguments.video))
+    write_json(text, arguments.json, console)
+    first = next(iter(replays.values()))
+    return UNSAFE if message is not None or first.tipped else DONE
 
 
 def replay_result(found: Replay) -> dict[str, Any]:
-    """Numbers of one replay; `REPLAY_KEYS` explains them."""
+    """Numbers of one replay, ready for JSON; `REPLAY_KEYS` explains them."""
     support = found.support
     margin = certify(found.machine, found.trajectory, found.ground).margin
     return {
@@ -162,10 +186,18 @@ def replay_result(found: Replay) -> dict[str, Any]:
     }
 
 
-def _motions(
-    source: str, scenario: str | None, margin: float | None
-) -> tuple[str, str, Problem, dict[str, Trajectory], str | None]:
-    """Name, title, problem and motions by label, the one to be judged first, and why it is not there."""
+def _motions(source: str, scenario: str | None, margin: float | None) -> _Motions:
+    """Motions that the arguments ask for, with the baseline if it is from rest to rest.
+
+    Args:
+        source: Scenario, or path of a CSV file.
+        scenario: Scenario of a CSV file; None for the one in `plan.json` beside the file.
+        margin: Margin to plan with [m]; None for the scenario's.
+
+    Raises:
+        ScenarioError: The scenario cannot be used, or there is no motion to replay.
+        TrajectoryError: The CSV file cannot be used.
+    """
     path = Path(source)
     from_file = path.suffix.lower() == ".csv"
     if from_file and margin is not None:
@@ -175,40 +207,39 @@ def _motions(
             f"--scenario says where the motion of a CSV file belongs, but {source} is none"
         )
     loaded = load_scenario((scenario or _scenario_beside(path)) if from_file else source)
-    problem = loaded.problem if margin is None else replace(loaded.problem, margin=margin)
+    if margin is not None:
+        loaded = replace(loaded, problem=replace(loaded.problem, margin=margin))
+    problem = loaded.problem
     if problem.base is not None:
         raise ScenarioError(f"{loaded.path}: its base drives; a replay needs one that stands")
-    message, motions = None, {}
     if from_file:
-        motions[FROM_FILE] = Trajectory.from_csv(path, problem.machine)
-    else:
-        found = plan(problem, qp_solver=loaded.qp_solver)
-        if found.success:
-            motions[PLANNED] = found.trajectory
-        else:
-            message = found.message
-        if not (np.any(problem.start_velocity) or np.any(problem.goal_velocity)):
-            motions[BASELINE] = phase_plane(problem.machine, problem.start, problem.goal)
+        return _Motions(loaded, {FROM_FILE: Trajectory.from_csv(path, problem.machine)}, None)
+    found, motions = plan(problem, qp_solver=loaded.qp_solver), {}
+    if found.success:
+        motions[PLANNED] = found.trajectory
+    if not (np.any(problem.start_velocity) or np.any(problem.goal_velocity)):
+        motions[BASELINE] = phase_plane(problem.machine, problem.start, problem.goal)
+    message = None if found.success else found.message
     if not motions:
         raise ScenarioError(f"{loaded.path}: no motion to replay: {message}")
-    return loaded.name, loaded.title, problem, motions, message
+    return _Motions(loaded, motions, message)
 
 
 def _scenario_beside(path: Path) -> str:
-    """The shipped scenario of which `zmp-sqp plan --out` wrote the file."""
+    """Name of the shipped scenario in `plan.json` beside a file that `zmp-sqp plan --out` wrote."""
     try:
         name = json.loads(path.with_name("plan.json").read_text(encoding="utf-8"))["scenario"]
     except (OSError, ValueError, LookupError, TypeError):
         name = None
     if name not in shipped_scenarios():
         raise ScenarioError(
-            f"{path} says nothing of machine and ground: give the scenario that it is for, --scenario"
+            f"{path} says nothing of machine and ground: give its scenario by --scenario"
         )
     return str(name)
 
 
 def _draw(replays: Mapping[str, Replay], folder: Path, *, video: bool) -> Iterator[str]:
-    """Pictures of all motions; yields a line about each."""
+    """Draw the pictures of `--out`, each with all motions; yields a line about each picture."""
     try:
         draw_strip(replays, folder / "replay.png")
         yield f"wrote {folder / 'replay.png'}"
@@ -220,17 +251,12 @@ def _draw(replays: Mapping[str, Replay], folder: Path, *, video: bool) -> Iterat
 
 
 def _table(motions: Mapping[str, Mapping[str, Any]]) -> Table:
-    """One column per motion."""
-    from rich import box
-    from rich.table import Table
+    """Numbers of the motions, one column per motion."""
     from rich.text import Text
 
-    table = Table(box=box.SIMPLE_HEAD)
-    table.add_column("")
-    for label in motions:
-        table.add_column(label, justify="right", overflow="fold")
+    table = new_table("", *motions)
 
-    def row(label: str, show: Any) -> None:
+    def row(label: str, show: Callable[[Mapping[str, Any]], str | Text]) -> None:
         table.add_row(label, *(show(motion) for motion in motions.values()))
 
     row("duration [s]", lambda motion: f"{motion['duration']:.3f}")
@@ -254,7 +280,7 @@ def _table(motions: Mapping[str, Mapping[str, Any]]) -> Table:
 
 
 def _verdict(motion: Mapping[str, Any]) -> tuple[str, str]:
-    """What to say, and in which style."""
+    """Whether the machine tips over, when and over which edge; and the style to print it in."""
     if not motion["tipped"]:
         return "stands", ""
     return f"tips over {motion['pivot']} at {motion['lifted_at']:.2f} s", "bold red"

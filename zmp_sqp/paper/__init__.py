@@ -1,1 +1,1 @@
-"""Song & Sharf 2020 beside our results."""
+"""Results of Song & Sharf 2020 beside those of zmp_sqp."""

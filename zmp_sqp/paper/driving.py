@@ -1,4 +1,8 @@
-"""The base backs up while the arm swings: planned in one program, and in the paper's two steps, side by side."""
+"""Test 2 of the paper with a base that backs up while the arm swings.
+
+Base and arm are planned together in one program, and in the paper's two steps: first the arm, then
+the base under eq. (21).
+"""
 
 from __future__ import annotations
 
@@ -10,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from zmp_sqp.errors import ProblemError
-from zmp_sqp.paper.runs import BASE, MARGIN_TOLERANCE, MODELS, WAYS
+from zmp_sqp.paper.runs import BASE, DISTANCES, MARGIN_TOLERANCE, MODELS
 from zmp_sqp.planning import (
     Plan,
     Problem,
@@ -23,24 +27,30 @@ from zmp_sqp.planning import (
 )
 from zmp_sqp.planning.closed_forms.base_motion import driven_trajectory
 from zmp_sqp.scenario import load_scenario
-from zmp_sqp.show.report import plan_fields
+from zmp_sqp.show.results import plan_fields
 
 __all__ = ["TOGETHER", "driving_failures", "run_driving"]
 
 SCENARIO = "paper_2_joint"
 TOGETHER = "base and arm together"
-# of every interval: inside, where each has its own accelerations
+# Shares of each interval at which margins are sampled. The ends are left out, because accelerations
+# jump there.
 SHARES = np.linspace(1e-9, 1.0 - 1e-9, 10)
-NO_SLOWER = 1e-3  # relative: grids differ
+NO_SLOWER = 1e-3  # relative difference of durations that different time grids explain
 
 
 def run_driving(*, qp_solver: str = "proxqp") -> list[dict[str, Any]]:
-    """Test 2 with the base backing up by each of `WAYS`: the arm first, by either model, then the base; and together.
+    """Plan test 2 with the base backing up by each of `DISTANCES`, in two steps and in one program.
+
+    In two steps, the arm is planned first, with the full and with the simplified model.
+
+    Args:
+        qp_solver: QP solver of all plans.
 
     Returns:
-        Of each way and planner: distance, planner, success, message, duration, lower_bound, margin
-            (proven for all t),
-        sampled (least margin on a fine grid, complete wrench), iterations and time; SI units.
+        For each distance and planner an object in SI units, ready for JSON: distance, planner, the
+        fields of `plan_fields` (margin is proven for all t), sampled (least margin on a fine grid,
+        from the complete wrench of arm and base) and time (wall time).
     """
     scenario = load_scenario(SCENARIO).problem
     asked = scenario.base
@@ -51,7 +61,7 @@ def run_driving(*, qp_solver: str = "proxqp") -> list[dict[str, Any]]:
         for model in MODELS[::-1]
     }
     rows = []
-    for distance in WAYS:
+    for distance in DISTANCES:
         base = replace(asked, goal=asked.start + np.array([distance, 0.0, 0.0]))
         problem = replace(scenario, base=base)
         rows += [
@@ -65,7 +75,7 @@ def run_driving(*, qp_solver: str = "proxqp") -> list[dict[str, Any]]:
 
 
 def _timed(problem: Problem, qp_solver: str) -> tuple[Plan, float]:
-    """The plan and how long it took [s]."""
+    """Plan and its wall time [s]."""
     started = time.perf_counter()
     return plan(problem, qp_solver=qp_solver), time.perf_counter() - started
 
@@ -73,7 +83,16 @@ def _timed(problem: Problem, qp_solver: str) -> tuple[Plan, float]:
 def _two_steps(
     problem: Problem, base: UnicycleBase, distance: float, arm: Plan, elapsed: float, *, model: str
 ) -> dict[str, Any]:
-    """The paper's way: the base within the bound (21) of an arm motion that was planned for a standing machine."""
+    """Result of the paper's two steps: the base under eq. (21) beside a planned arm motion.
+
+    Args:
+        problem: Problem with the base, for the certificate.
+        base: Base with its goal at the distance.
+        distance: Distance that the base drives, negative backward [m].
+        arm: Arm plan for a base that stands.
+        elapsed: Wall time of the arm plan [s].
+        model: Model of the arm plan.
+    """
     row = {
         "distance": distance,
         "planner": f"arm first ({model}), base under eq. (21)",
@@ -100,7 +119,7 @@ def _two_steps(
 
 
 def _sampled(problem: Problem, trajectory: Trajectory) -> float:
-    """Least margin on a fine grid, from the complete wrench of arm and base [m]."""
+    """Least sampled margin, from the complete wrench of arm and base [m]."""
     support = problem.machine.support
     if support is None:
         raise ProblemError(f"machine {problem.machine.name!r} has no support polygon")
@@ -113,7 +132,11 @@ def _sampled(problem: Problem, trajectory: Trajectory) -> float:
 
 
 def driving_failures(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """What does not hold, as sentences: every motion is safe, and none in two steps is faster than the one program."""
+    """Sentences about motions that are unsafe, or slower planned together than in two steps.
+
+    Args:
+        rows: Made by `run_driving`.
+    """
     found = []
     for row in rows:
         what = f"test 2, base {row['distance']:g} m, {row['planner']}"

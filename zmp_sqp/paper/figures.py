@@ -1,4 +1,7 @@
-"""Figures 3, 4, 5 and 6 of Song & Sharf 2020 from our own motions: same axes, same colours, limits dashed."""
+"""Figures 3, 4, 5 and 6 of Song & Sharf 2020, drawn from motions planned by zmp_sqp.
+
+Axes and colours are the paper's; limits are dashed.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,8 @@ from zmp_sqp.paper.runs import BASE, Motions
 from zmp_sqp.planning import Trajectory
 from zmp_sqp.planning.closed_forms.base_bound import moving_base_zmp
 from zmp_sqp.planning.closed_forms.base_motion import BaseMotion
-from zmp_sqp.show.plots import draw_loci, new_figure, planner_colours, plot_zmp, sample_times, save
+from zmp_sqp.show.canvas import new_figure, planner_colours, sample_times, save
+from zmp_sqp.show.zmp_plots import draw_loci, plot_zmp
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,18 +27,26 @@ if TYPE_CHECKING:
 __all__ = ["FIGURES", "draw_figures"]
 
 FIGURES = ("figure_3.png", "figure_4.png", "figure_5.png", "figure_6.png")
-WINDOW = 3.0  # [m] of figs. 3 and 5
-ROOM = 0.25  # of the joint limits' range, above and below
-STYLES: dict[str, dict[str, Any]] = {  # so that none hides another
+WINDOW = 3.0  # [m] axes of figs. 3 and 5 reach from -3 m to 3 m
+ROOM = 0.25  # share of a limit by which axes reach beyond it
+STYLES: dict[str, dict[str, Any]] = {  # later curves are thinner, so that all can be seen
     "phase plane": {"linewidth": 4.5, "alpha": 0.55},
     "full model": {"linewidth": 2.6},
     "simplified": {"linewidth": 1.2},
 }
-SEEN = 0.5  # [rad] a position limit within this of the motion is drawn
+# [rad] Position limits farther than this from the motion are not drawn. Axes of angles span this at
+# least, so that rounding errors of a joint at rest are not magnified.
+SEEN = 0.5
 
 
 def draw_figures(test_1: Motions, test_2: Motions, folder: Path) -> Iterator[Path]:
-    """Write the figures one by one; yields each file."""
+    """Write the figures one by one; yields the path of each.
+
+    Args:
+        test_1: Motions of figs. 3 and 4.
+        test_2: Motions of figs. 5 and 6, with those of the base.
+        folder: Folder to write to.
+    """
     plot_zmp(test_1.problem, test_1.arms, folder / FIGURES[0], window=WINDOW, measured="simplified")
     yield folder / FIGURES[0]
     _draw_joints(test_1, folder / FIGURES[1])
@@ -46,7 +58,7 @@ def draw_figures(test_1: Motions, test_2: Motions, folder: Path) -> Iterator[Pat
 
 
 def _draw_joints(motions: Motions, path: Path) -> None:
-    """Fig. 4: a column each for accelerations (a), rates (b) and angles (c), a row for each joint."""
+    """Draw fig. 4: columns of accelerations (a), rates (b) and angles (c), one row per joint."""
     machine = motions.problem.machine
     limits = machine.limits
     columns = (
@@ -69,25 +81,11 @@ def _draw_joints(motions: Motions, path: Path) -> None:
 
 
 def _draw_accelerations(motions: Motions, path: Path) -> None:
-    """Fig. 6: accelerations of base and joints, the base's between its own limit and the bound of eq. (21)."""
+    """Draw fig. 6: accelerations of base and joints, one row each, with their limits."""
     machine = motions.problem.machine
     figure = new_figure(width=7.0, height=8.4)
     rows = figure.subplots(machine.size + 1, 1, sharex=True)
-    colours = planner_colours(motions.bases)
-    lasts = max(motions.arms[name].duration for name in motions.bases)
-    for name, base in motions.bases.items():
-        path_of = base.trajectory if isinstance(base, BaseMotion) else base
-        times, pushes = _broken(path_of, sample_times(path_of), 2, 0)
-        if path_of.duration < lasts:  # there, it stands
-            times, pushes = np.append(times, [times[-1], lasts]), np.append(pushes, [0.0, 0.0])
-        rows[0].plot(times, pushes, color=colours[name], label=name, **STYLES[name])
-        if isinstance(base, BaseMotion):
-            for bound in (base.lower, base.upper):
-                if abs(bound) < 1.2 * BASE["max_acceleration"]:
-                    rows[0].axhline(
-                        bound, color=colours[name], linestyle=":", label="bound, eq. (21)"
-                    )
-    _dash(rows[0], -BASE["max_acceleration"], BASE["max_acceleration"], everything=True)
+    _draw_base_accelerations(rows[0], motions)
     limit = machine.limits.acceleration
     shown = Motions(motions.problem, {name: motions.arms[name] for name in motions.bases}, {})
     for joint in range(machine.size):
@@ -105,8 +103,26 @@ def _draw_accelerations(motions: Motions, path: Path) -> None:
     save(figure, path)
 
 
+def _draw_base_accelerations(axes: Axes, motions: Motions) -> None:
+    """Draw the accelerations of the base with its own limits and the bounds of eq. (21)."""
+    limit, colours = BASE["max_acceleration"], planner_colours(motions.bases)
+    end = max(motions.arms[name].duration for name in motions.bases)
+    for name, base in motions.bases.items():
+        motion = base.trajectory if isinstance(base, BaseMotion) else base
+        times, accelerations = _curve(motion, 2, 0)
+        if motion.duration < end:  # the base stands until the arm ends
+            times = np.append(times, [times[-1], end])
+            accelerations = np.append(accelerations, [0.0, 0.0])
+        axes.plot(times, accelerations, color=colours[name], label=name, **STYLES[name])
+        if isinstance(base, BaseMotion):
+            for bound in (base.lower, base.upper):
+                if abs(bound) < 1.2 * limit:  # within the range of the axes
+                    axes.axhline(bound, color=colours[name], linestyle=":", label="bound, eq. (21)")
+    _dash(axes, -limit, limit, everything=True)
+
+
 def _draw_moving_loci(motions: Motions, path: Path) -> None:
-    """Fig. 5: ZMP loci of arm and base moving together, from the complete wrench."""
+    """Draw fig. 5: ZMP loci of arm and base together, from the complete wrench."""
     problem = motions.problem
     if problem.machine.support is None:
         raise ProblemError(f"machine {problem.machine.name!r} has no support polygon to draw")
@@ -122,22 +138,30 @@ def _draw_moving_loci(motions: Motions, path: Path) -> None:
 
 
 def _overlay(axes: Axes, motions: Motions, *, quantity: int, joint: int) -> None:
-    """One joint's angle (0), rate (1) or acceleration (2) by every planner; those drawn last are thinner."""
+    """Draw one joint's angle (0), rate (1) or acceleration (2) for every planner."""
     colours = planner_colours(motions.arms)
     for name, trajectory in motions.arms.items():
-        values = _broken(trajectory, sample_times(trajectory), quantity, joint)
-        axes.plot(*values, color=colours[name], label=name, **STYLES[name])
+        axes.plot(
+            *_curve(trajectory, quantity, joint), color=colours[name], label=name, **STYLES[name]
+        )
 
 
-def _broken(
-    trajectory: Trajectory, pieces: list[Array], quantity: int, column: int
-) -> tuple[Array, Array]:
-    times = np.concatenate(pieces)
+def _curve(trajectory: Trajectory, quantity: int, column: int) -> tuple[Array, Array]:
+    """Times and values of one joint's angle (0), rate (1) or acceleration (2), shape (K,) each."""
+    times = np.concatenate(sample_times(trajectory))
     return times, trajectory(times)[quantity][:, column]
 
 
 def _dash(axes: Axes, lower: float, upper: float, *, everything: bool) -> None:
-    """Dash the limits; far position limits are left out, and a joint that stands still gets no magnified noise."""
+    """Draw dashed limits and set the range of the axes.
+
+    Args:
+        axes: Axes with the curves.
+        lower: Lower limit.
+        upper: Upper limit.
+        everything: Whether the range includes both limits; else limits far from the curves are left
+            out, as for positions.
+    """
     low, high = axes.get_ylim()
     for limit in (lower, upper):
         if everything or low - SEEN < limit < high + SEEN:
@@ -152,7 +176,7 @@ def _dash(axes: Axes, lower: float, upper: float, *, everything: bool) -> None:
 
 
 def _legend(figure: Figure, *rows: Axes) -> None:
-    """Above the figure, what any of the rows names, each once."""
+    """Add a legend above the figure with each label of the rows once."""
     entries: dict[Any, Any] = {}
     for axes in rows:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
@@ -163,5 +187,6 @@ def _legend(figure: Figure, *rows: Axes) -> None:
 
 
 def _name_rows(axes: Array, names: list[str]) -> None:
+    """Label the vertical axes."""
     for row, name in zip(axes, names, strict=True):
         row.set_ylabel(name)

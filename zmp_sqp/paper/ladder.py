@@ -1,4 +1,8 @@
-"""The ladder that the paper lacks: payload and reach raised until the ZMP costs time, then until nothing is found."""
+"""Ladder of payloads and reaches, which the paper lacks.
+
+Both grow from rung to rung until keeping the ZMP inside costs time, and on until no motion is
+found.
+"""
 
 from __future__ import annotations
 
@@ -17,26 +21,30 @@ from zmp_sqp.planning import Problem
 
 __all__ = ["RUNGS", "ladder"]
 
-BOOMS = (-10.0, -30.0, -50.0)  # [deg] of the boom at start and goal: the reach
+BOOMS = (-10.0, -30.0, -50.0)  # [deg] boom angles at start and goal, which set the reach
 PAYLOADS = (2000.0, 3000.0, 4000.0, 5000.0, 6000.0, 8000.0, 10000.0, 12000.0, 16000.0)  # [kg]
 RUNGS = tuple((payload, boom) for payload in PAYLOADS for boom in BOOMS)
-STEM = np.array([0.0, 0.0, 3.323])  # [m] centre of the tree in the head's frame
-ATTITUDE = -2.0 * np.pi / 3  # of the head, as in eq. (22)
-ROLL = np.deg2rad(-20.0)  # as in test 1
-# ProxQP ends at its iteration limit on one rung (5 t, -50 deg, simplified) and is 0.6 % faster on
-# another (5 t, -10).
+STEM = np.array([0.0, 0.0, 3.323])  # [m] centre of mass of the tree in the head's frame
+ATTITUDE = -2.0 * np.pi / 3  # [rad] pitch of the head, as in eq. (22)
+ROLL = np.deg2rad(-20.0)  # [rad] of the ground, as in test 1
+# ProxQP reaches its iteration limit on one rung (5 t, -50 deg, simplified); its motion on another
+# rung (5 t, -10 deg) is 0.6 % faster.
 QP_SOLVER = "piqp"
 
 
 def ladder(
     rungs: tuple[tuple[float, float], ...] = RUNGS, *, repeats: int = 1
 ) -> Iterator[dict[str, Any]]:
-    """Plan every rung with both models: half a turn of test 1 with other payloads [kg] and boom angles [deg].
+    """Plan the half turn of test 1 on every rung with both models.
+
+    Args:
+        rungs: (payload [kg], boom angle [deg]) of each rung.
+        repeats: Number of times that each plan is timed.
 
     Yields:
-        One object per rung and model, ready for JSON, with payload, boom, reach [m] of the head
-        from the slew axis; a rung whose problem is refused has `status` "refused" and the reason in
-        `message`.
+        One object per rung and model, ready for JSON: payload, boom_deg, reach (horizontal distance
+        of the head from the slew axis [m]), model, and the numbers of `time_plan`. If the problem
+        is refused, `status` is "refused" and `message` the reason.
     """
     for payload, boom in rungs:
         machine, start = rung_machine(payload), rung_pose(boom)
@@ -67,7 +75,7 @@ def ladder(
 
 
 def rung_machine(payload: float) -> Machine:
-    """The feller-buncher as in test 1, point masses, with a tree of that mass [kg]."""
+    """Feller-buncher of test 1, of point masses, with a tree of the given mass [kg]."""
     return (
         load_machine("feller_buncher")
         .with_payload(Payload(payload, STEM, "head"))
@@ -76,13 +84,13 @@ def rung_machine(payload: float) -> Machine:
 
 
 def rung_pose(boom: float) -> Array:
-    """Pose of the form (7) with the boom at that angle [deg], arm over the front."""
+    """Pose of the form (7) of the paper, arm over the front, with the given boom angle [deg]."""
     angle = float(np.deg2rad(boom))
     return np.array([0.0, angle, -np.pi - 2.0 * angle, ATTITUDE + np.pi + angle, -np.pi / 2])
 
 
 def rung_problem(machine: Machine, start: Array) -> Problem:
-    """Half a turn with all else as at the start, 20 degrees of roll to the left."""
+    """Half a turn of the slew alone, on ground that leans 20 degrees to the left."""
     return Problem(
         machine, start, start + np.array([np.pi, 0.0, 0.0, 0.0, 0.0]), ground=Slope(roll=ROLL)
     )

@@ -1,4 +1,4 @@
-"""Song & Sharf 2020 beside our own numbers: both tests, their variants, the moving base and the analytic slew."""
+"""Runs of the tests of Song & Sharf 2020, their variants, the moving base and the analytic slew."""
 
 from __future__ import annotations
 
@@ -17,10 +17,11 @@ from zmp_sqp.planning.closed_forms.base_bound import moving_base_zmp, plan_base
 from zmp_sqp.planning.closed_forms.base_motion import BaseMotion, asymmetric_profile
 from zmp_sqp.planning.closed_forms.slew import analytic_slew
 from zmp_sqp.scenario import load_scenario
-from zmp_sqp.show.report import plan_fields
+from zmp_sqp.show.results import plan_fields
 
 __all__ = [
     "BASE",
+    "DISTANCES",
     "MODELS",
     "PAPER",
     "TESTS",
@@ -32,13 +33,13 @@ __all__ = [
     "time_plan",
 ]
 
-PAPER = {  # what Section V prints
-    "duration": 4.5,  # [s], every planner, both tests
-    # computation [s]; full: "more than 5 hours"
+PAPER = {  # results of the paper, Section V
+    "duration": 4.5,  # [s] of every planner in both tests
+    # computation times [s] by model; for the full model the paper says "more than 5 hours"
     "test_1": {"full": 5 * 3600.0, "simplified": 1.34},
     "test_2": {"simplified": 1.29},
 }
-TESTS = {  # by name: the scenario, and what it is called in tables
+TESTS = {  # by name: scenario, and title in tables
     "test_1": ("paper_1", "test 1"),
     "test_1_upright": ("paper_1_upright", "test 1, tree upright"),
     "test_1_rigid": ("paper_1_rigid", "test 1, rigid bodies"),
@@ -46,27 +47,29 @@ TESTS = {  # by name: the scenario, and what it is called in tables
 }
 MODELS = ("full", "simplified")
 BASE = {"max_speed": 10.0, "max_acceleration": 2.0}  # Section V-B [m/s, m/s^2]
-WAYS = (-2.0, -6.0)  # [m] how far the base backs up; the paper does not say, 2 m is our choice
-# radius of the support [m], whether the paper's joint limits count
+# [m] that the base drives, backward; the paper gives no distance
+DISTANCES = (-2.0, -6.0)
+# (radius of the support [m], whether the paper's joint limits are kept)
 SLEWS = ((1.1, True), (1.3, True), (1.3, False))
-# The two differ by 1.5e-4 on this polygon and grid, by up to 2e-3 on others (40 to 200 corners, 50
-# and 80 intervals). of the polygon that stands for a circle, same for both; of the SQP's grid
+# Corners of the polygon that approximates a round support, and intervals of the SQP's time grid.
+# Durations of analytic slew and SQP then differ by 1.5e-4; with 40 to 200 corners and 50 or 80
+# intervals, by up to 2e-3.
 CORNERS, SLEW_INTERVALS = 80, 80
-SLEW_SOLVER = "piqp"  # sparse: a round polygon has many rows
-DURATION_TOLERANCE = 1e-3  # relative: test durations against the paper's
-SLEW_TOLERANCE = 2e-3  # relative: analytic slew against the SQP
-MARGIN_TOLERANCE = 1e-6  # [m]
-EVALUATIONS = 100  # one F: both ends of 50 intervals
+SLEW_SOLVER = "piqp"  # exploits sparsity: a round support has one row per corner and instant
+DURATION_TOLERANCE = 1e-3  # relative difference of a test's duration from the paper's
+SLEW_TOLERANCE = 2e-3  # relative difference of the analytic slew's duration from the SQP's
+MARGIN_TOLERANCE = 1e-6  # [m] rounding of a margin of zero
+EVALUATIONS = 100  # calls in one F: both ends of 50 intervals
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motions:
-    """What the figures of one test show.
+    """Motions of one test, for its figures.
 
     Attributes:
-        problem: Machine, ground, start and goal.
-        arms: Arm motions by planner, as figures call them.
-        bases: Base motions beside them; empty where the base stands.
+        problem: Gives machine, ground, start and goal.
+        arms: Arm motions by name of the planner in figures.
+        bases: Base motions by name of the planner in figures; empty if the base stands.
     """
 
     problem: Problem
@@ -75,7 +78,12 @@ class Motions:
 
 
 def derivative_time(machine: Machine, *, repeats: int = 15) -> float:
-    """F [s] of CPU time: 100 calls of `pin.computeRNEADerivatives` on this machine's model here and now, a median."""
+    """CPU time F of 100 calls of `pin.computeRNEADerivatives`, measured now [s].
+
+    Args:
+        machine: Machine on whose model they are called.
+        repeats: Number of measurements, of which the median is returned.
+    """
     model, data, rng = machine.model, machine.model.createData(), np.random.default_rng(0)
     q = machine.configuration(rng.uniform(-1.0, 1.0, (EVALUATIONS, machine.size)))
     v, a = rng.uniform(-1.0, 1.0, (2, EVALUATIONS, model.nv))
@@ -89,12 +97,17 @@ def derivative_time(machine: Machine, *, repeats: int = 15) -> float:
 
 
 def time_plan(problem: Problem, *, qp_solver: str, repeats: int) -> tuple[Plan, dict[str, Any]]:
-    """Plan several times from cold, nothing carried over; times are medians, F is measured beside each.
+    """Plan several times, without warm starts, and measure the time.
+
+    Args:
+        problem: The planning problem.
+        qp_solver: Name of the QP solver.
+        repeats: Number of plans; times are medians over them.
 
     Returns:
-        The last plan, and its numbers ready for JSON: SI units, `time_in_F` in units of
-            `derivative_time`,
-        CPU time both, which other programs on the computer disturb less.
+        The last plan, and its numbers ready for JSON: those of `plan_fields`, time (wall time [s]),
+        F (`derivative_time`, measured before each plan [s]) and time_in_F (CPU time over F, which
+        other programs on the computer disturb less than wall time).
     """
     seconds, units, bare = [], [], []
     for _ in range(repeats):
@@ -115,7 +128,16 @@ def time_plan(problem: Problem, *, qp_solver: str, repeats: int) -> tuple[Plan, 
 def run_test(
     name: str, *, qp_solver: str = "proxqp", repeats: int = 5
 ) -> tuple[dict[str, Any], Motions]:
-    """Plan one of `TESTS` with both models and the phase-plane method; in test 2 the base backs up beside the arm."""
+    """Plan one of `TESTS` with both models and the phase-plane method, in test 2 with the base.
+
+    Args:
+        name: Key of `TESTS`.
+        qp_solver: Name of the QP solver.
+        repeats: Number of times that each plan is timed.
+
+    Returns:
+        Entry of `tests` in the result of `zmp-sqp paper`, and the motions for its figures.
+    """
     scenario, title = TESTS[name]
     problem = load_scenario(scenario).problem
     baseline = phase_plane(problem.machine, problem.start, problem.goal)
@@ -124,7 +146,7 @@ def run_test(
     }
     arms: dict[str, Trajectory] = {"phase plane": baseline}
     bases: dict[str, BaseMotion | Trajectory] = {}
-    ways: list[dict[str, Any]] = []
+    base_runs: list[dict[str, Any]] = []
     for model in MODELS:
         found, numbers = time_plan(
             replace(problem, model=model), qp_solver=qp_solver, repeats=repeats
@@ -133,30 +155,38 @@ def run_test(
         if found.success:
             arms["full model" if model == "full" else model] = found.trajectory
     if name == "test_2" and "simplified" in arms:
-        ways, bases = _back_up(problem, arms["simplified"], baseline)
-    return {"name": name, "title": title, "planners": planners, "base": ways}, Motions(
-        problem, arms, bases
-    )
+        base_runs, bases = _back_up(problem, arms["simplified"], baseline)
+    numbers = {"name": name, "title": title, "planners": planners, "base": base_runs}
+    return numbers, Motions(problem, arms, bases)
 
 
 def _back_up(
     problem: Problem, arm: Trajectory, baseline: Trajectory
 ) -> tuple[list[dict[str, Any]], dict[str, BaseMotion | Trajectory]]:
-    """Base motions under eq. (21) beside the simplified arm motion, and the blind one that knows its limits alone."""
-    push, speed = BASE["max_acceleration"], BASE["max_speed"]
+    """Base motions beside arm motions: within eq. (21), and within the base's own limits alone.
+
+    Args:
+        problem: Problem of the arm.
+        arm: Arm motion planned with the simplified model, for the base motions within eq. (21).
+        baseline: Phase-plane motion of the arm, for the base motion that ignores the ZMP.
+
+    Returns:
+        Entry `base` of the test's result, and the base motions by name of the planner in figures.
+    """
+    limit, speed = BASE["max_acceleration"], BASE["max_speed"]
     blind = asymmetric_profile(
-        WAYS[0], forward=push, backward=push, max_speed=speed, least_duration=0.0
+        DISTANCES[0], forward=limit, backward=limit, max_speed=speed, least_duration=0.0
     )
     bases: dict[str, BaseMotion | Trajectory] = {"phase plane": blind}
     margin = _margin(problem, baseline, blind)
-    ways: list[dict[str, Any]] = [
-        {"distance": WAYS[0], "blind": True, "duration": blind.duration, "margin": margin}
+    runs: list[dict[str, Any]] = [
+        {"distance": DISTANCES[0], "blind": True, "duration": blind.duration, "margin": margin}
     ]
-    for distance in WAYS:
+    for distance in DISTANCES:
         try:
             motion = plan_base(problem.machine, arm, problem.ground, distance=distance, **BASE)
         except ProblemError as refused:
-            ways.append({"distance": distance, "success": False, "message": str(refused)})
+            runs.append({"distance": distance, "success": False, "message": str(refused)})
             continue
         bases.setdefault("simplified", motion)
         numbers = {
@@ -164,41 +194,43 @@ def _back_up(
             "lower": motion.lower,
             "upper": motion.upper,
             "factor": motion.factor,
-        }
-        numbers |= {
             "margin": motion.margin,
             "peak_acceleration": np.abs(motion.accelerations).max(),
         }
-        ways.append(
+        runs.append(
             {"distance": distance, "success": True}
             | {key: float(value) for key, value in numbers.items()}
         )
-    return ways, bases
+    return runs, bases
 
 
 def _margin(problem: Problem, arm: Trajectory, base: Trajectory | None = None) -> float | None:
-    """Least sampled margin of arm and base together, by the complete wrench [m]; None if the machine lifts off."""
+    """Least sampled margin, from the complete wrench of arm and base [m].
+
+    It is None if the machine lifts off.
+    """
     support = problem.machine.support
     if support is None:
         raise ProblemError(f"machine {problem.machine.name!r} has no support polygon")
     try:
-        return float(
-            support.signed_distance(
-                moving_base_zmp(problem.machine, arm, base, problem.ground)[1]
-            ).min()
-        )
+        points = moving_base_zmp(problem.machine, arm, base, problem.ground)[1]
     except ContactLost:
         return None
+    return float(support.signed_distance(points).min())
 
 
 def run_slews() -> list[dict[str, Any]]:
-    """The analytic slew against the SQP on the same machine: half a turn of the slewing crane on a round foot."""
+    """Half a turn of the slewing crane on a round support: analytic slew and SQP side by side.
+
+    Returns:
+        One object per entry of `SLEWS`, ready for JSON, in SI units.
+    """
     rows = []
     for radius, limited in SLEWS:
         turn = 2.0 * np.pi * np.arange(CORNERS) / CORNERS
         limits = {"velocity": np.pi / 4, "acceleration": np.pi / 2} if limited else None
-        foot = SupportPolygon(radius * np.column_stack([np.cos(turn), np.sin(turn)]))
-        machine = load_machine("slewing_crane", support=foot, limits=limits)
+        support = SupportPolygon(radius * np.column_stack([np.cos(turn), np.sin(turn)]))
+        machine = load_machine("slewing_crane", support=support, limits=limits)
         started = time.perf_counter()
         analytic = analytic_slew(machine, [0.0], [np.pi])
         elapsed = time.perf_counter() - started
@@ -221,7 +253,11 @@ def run_slews() -> list[dict[str, Any]]:
 
 
 def failures(result: Mapping[str, Any]) -> list[str]:
-    """Which of the claims do not hold, as sentences: safe where it should be safe, as fast as the paper, consistent."""
+    """Sentences about plans that are unsafe or slower than the paper's, and slews that disagree.
+
+    Args:
+        result: With the entries `tests` and `slews` of the result of `zmp-sqp paper`.
+    """
     found = []
     for test in result["tests"]:
         for model in MODELS:
@@ -235,14 +271,14 @@ def failures(result: Mapping[str, Any]) -> list[str]:
                 found.append(
                     f"{what}: takes {numbers['duration']:.4f} s, not {PAPER['duration']} s"
                 )
-        for way in test["base"]:
-            if not way.get("blind") and not (way["success"] and way["margin"] >= -MARGIN_TOLERANCE):
-                found.append(
-                    f"{test['title']}, base {way['distance']} m: {way.get('message', 'leaves the polygon')}"
-                )
+        for run in test["base"]:
+            if not run.get("blind") and not (run["success"] and run["margin"] >= -MARGIN_TOLERANCE):
+                reason = run.get("message", "leaves the polygon")
+                found.append(f"{test['title']}, base {run['distance']} m: {reason}")
     for row in result["slews"]:
         if row["sqp"] is None or abs(row["analytic"] / row["sqp"] - 1.0) > SLEW_TOLERANCE:
             found.append(
-                f"analytic slew, radius {row['radius']} m: {row['analytic']:.4f} s, SQP {row['sqp']} s"
+                f"analytic slew, radius {row['radius']} m: {row['analytic']:.4f} s, "
+                f"SQP {row['sqp']} s"
             )
     return found

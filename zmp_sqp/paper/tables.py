@@ -1,4 +1,4 @@
-"""The paper's numbers beside ours as tables: on the terminal, and in Markdown."""
+"""Results of Song & Sharf 2020 beside those of zmp_sqp: tables for the terminal and Markdown."""
 
 from __future__ import annotations
 
@@ -22,13 +22,20 @@ __all__ = [
     "terminal",
 ]
 
-REASON = "why not"
-INSIDE = -1e-6  # [m] rounding of a margin that is kept
-LEFT = re.compile(r"the ZMP would leave the (?P<edge>\S+) edge.* by (?P<way>\S+) m")
+REASON = "why not"  # head of the column with reasons
+INSIDE = -1e-6  # [m] rounding of a margin of zero
+# sentence of a plan's message about the edge that the ZMP leaves, and by how much
+LEFT = re.compile(r"the ZMP would leave the (?P<edge>\S+) edge.* by (?P<distance>\S+) m")
 
 
 class Sheet(NamedTuple):
-    """One table in words."""
+    """Table as text.
+
+    Attributes:
+        title: Title of the table.
+        columns: Heads of the columns.
+        rows: Cells of each row.
+    """
 
     title: str
     columns: Sequence[str]
@@ -36,7 +43,7 @@ class Sheet(NamedTuple):
 
 
 def sheets(result: Mapping[str, Any]) -> list[Sheet]:
-    """Every table of a result of `zmp-sqp paper`, in the order in which they are shown."""
+    """Tables of a result of `zmp-sqp paper`, in the order in which they are shown."""
     found = [
         comparison_sheet(result["tests"]),
         _planner_sheet(result["tests"]),
@@ -48,7 +55,7 @@ def sheets(result: Mapping[str, Any]) -> list[Sheet]:
 
 
 def comparison_sheet(tests: Iterable[Mapping[str, Any]]) -> Sheet:
-    """Theirs, ours, ratio, for what the paper prints."""
+    """Results that the paper gives, ours beside them, and their ratio."""
     rows: list[Sequence[str]] = []
     for test in tests:
         if test["name"] not in ("test_1", "test_2"):
@@ -87,15 +94,16 @@ def comparison_sheet(tests: Iterable[Mapping[str, Any]]) -> Sheet:
                     "",
                 )
             )
-        for way in test["base"]:
-            if not way.get("blind") and way["distance"] == -2.0:
+        for run in test["base"]:
+            if not run.get("blind") and run["distance"] == -2.0:
                 rows.append(
-                    (f"test {number}: ZMP, arm and base 2 m back", "inside", _whether(way), "")
+                    (f"test {number}: ZMP, arm and base 2 m back", "inside", _whether(run), "")
                 )
     return Sheet("Song & Sharf 2020 beside zmp_sqp", ("", "paper", "ours", "ratio"), rows)
 
 
 def _planner_sheet(tests: Iterable[Mapping[str, Any]]) -> Sheet:
+    """Durations, margins and computation times of every planner in every test."""
     rows = []
     for test in tests:
         for name, planned in test["planners"].items():
@@ -130,23 +138,24 @@ def _planner_sheet(tests: Iterable[Mapping[str, Any]]) -> Sheet:
 
 
 def _base_sheet(tests: Iterable[Mapping[str, Any]]) -> Sheet:
+    """Base motions beside the planned arm motion of test 2."""
     rows: list[Sequence[str]] = []
-    for way in (way for test in tests for way in test["base"]):
-        if way.get("blind"):
+    for run in (run for test in tests for run in test["base"]):
+        if run.get("blind"):
             name, bound, share = "phase plane, blind", "-", "-"
-        elif not way["success"]:
+        elif not run["success"]:
             rows.append(
-                ("eq. (21)", f"{-way['distance']:g}", "-", "-", "-", _short(way["message"]))
+                ("eq. (21)", f"{-run['distance']:g}", "-", "-", "-", _short(run["message"]))
             )
             continue
         else:
             name, bound, share = (
                 "eq. (21)",
-                f"{way['lower']:.3f} ... {way['upper']:.3f}",
-                f"{way['factor']:.3f}",
+                f"{run['lower']:.3f} ... {run['upper']:.3f}",
+                f"{run['factor']:.3f}",
             )
-        motion = (_number(way["duration"]), _margin(way["margin"]))
-        rows.append((name, f"{-way['distance']:g}", bound, share, *motion))
+        motion = (_number(run["duration"]), _margin(run["margin"]))
+        rows.append((name, f"{-run['distance']:g}", bound, share, *motion))
     columns = (
         "base",
         "back [m]",
@@ -161,7 +170,7 @@ def _base_sheet(tests: Iterable[Mapping[str, Any]]) -> Sheet:
 
 
 def driving_sheet(rows: Iterable[Mapping[str, Any]]) -> Sheet:
-    """Test 2 in the paper's two steps and in one program: durations, and margins proven and sampled."""
+    """Durations and margins of test 2, base and arm planned in two steps and in one program."""
     entries: list[Sequence[str]] = []
     for row in rows:
         margins = [
@@ -189,6 +198,7 @@ def driving_sheet(rows: Iterable[Mapping[str, Any]]) -> Sheet:
 
 
 def _slew_sheet(slews: Iterable[Mapping[str, Any]]) -> Sheet:
+    """Durations and computation times of the analytic slew and of the SQP."""
     rows = []
     for row in slews:
         limits = "the paper's" if row["paper_limits"] else "none"
@@ -219,7 +229,7 @@ def _slew_sheet(slews: Iterable[Mapping[str, Any]]) -> Sheet:
 
 
 def ladder_sheet(rungs: Iterable[Mapping[str, Any]]) -> Sheet:
-    """A row per rung and model; without a motion, the reason."""
+    """Results of the ladder, one row per rung and model; without a motion, the reason."""
     rows: list[Sequence[str]] = []
     for rung in rungs:
         where = (f"{rung['payload'] / 1e3:g}", f"{rung['reach']:.2f}", rung["model"])
@@ -265,7 +275,7 @@ def ladder_sheet(rungs: Iterable[Mapping[str, Any]]) -> Sheet:
 
 
 def ladder_overview(rungs: Sequence[Mapping[str, Any]]) -> Sheet:
-    """Durations alone [s], full / simplified: a row per payload, a column per reach."""
+    """Durations on the ladder, one row per payload and one column per reach."""
     at = {(rung["payload"], round(rung["reach"], 2), rung["model"]): rung for rung in rungs}
     payloads, reaches = (sorted({key[i] for key in at}) for i in range(2))
 
@@ -288,10 +298,10 @@ def ladder_overview(rungs: Sequence[Mapping[str, Any]]) -> Sheet:
 
 
 def terminal(sheet: Sheet) -> Table:
-    """For rich."""
+    """Table for the terminal, as an object of rich."""
     from rich import box
     from rich.table import Table
-    from rich.text import Text  # a unit such as [m] is no markup
+    from rich.text import Text  # strings would be parsed for markup, which swallows [m]
 
     table = Table(title=Text(sheet.title), title_justify="left", box=box.SIMPLE_HEAD)
     for i, column in enumerate(sheet.columns):
@@ -303,7 +313,7 @@ def terminal(sheet: Sheet) -> Table:
 
 
 def markdown(sheet: Sheet) -> str:
-    """For a Markdown file."""
+    """Table in Markdown, with its title in bold."""
     lines = [list(sheet.columns), ["---"] + ["--:"] * (len(sheet.columns) - 1), *sheet.rows]
     return f"**{sheet.title}**\n\n" + "\n".join(f"| {' | '.join(line)} |" for line in lines) + "\n"
 
@@ -317,11 +327,13 @@ def _milliseconds(planned: Mapping[str, Any]) -> str:
 
 
 def _margin(value: float | None) -> str:
-    """Without a minus sign before zeros."""
+    """Margin [m] with four digits; None means that the machine lifts off."""
+    # adding 0.0 turns -0.0 into 0.0
     return "lifts off" if value is None else f"{round(value, 4) + 0.0:.4f}"
 
 
 def _whether(motion: Mapping[str, Any]) -> str:
+    """Whether the ZMP of a motion stays inside the support polygon, and by how much."""
     if motion.get("success") is False:
         return "no motion"
     margin = motion["margin"]
@@ -335,8 +347,8 @@ def _whether(motion: Mapping[str, Any]) -> str:
 
 
 def _short(reason: str) -> str:
-    """What differs from rung to rung: who tips over at rest, or which edge the last attempt leaves."""
+    """Part of a message that fits a table: the edge left by the ZMP, or the first clause."""
     if attempt := LEFT.search(reason):
-        return f"{attempt['edge']} edge by {attempt['way']} m"
+        return f"{attempt['edge']} edge by {attempt['distance']} m"
     words = reason.partition(": ")[2] if reason.startswith("Not solved: ") else reason
     return words.partition(";")[0].partition(":")[0].removeprefix("the machine ").rstrip(".")

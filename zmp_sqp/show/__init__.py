@@ -1,1 +1,1 @@
-"""Figures and tables."""
+"""Plans and motions shown: figures, tables on the terminal, JSON results."""

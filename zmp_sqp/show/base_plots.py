@@ -1,4 +1,4 @@
-"""The base in figures: way, speed, yaw and yaw rate over time, and its path on the ground with footprints."""
+"""Figures of a driving base: its motion over time, and its path seen from above."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ if TYPE_CHECKING:
 
 __all__ = ["draw_base", "draw_plan_view"]
 
-LABELS = ("way [m]", "speed [m/s]", "yaw [rad]", "yaw rate [rad/s]")
-# of the path, and of the footprints at its ends
+LABELS = ("distance [m]", "speed [m/s]", "yaw [rad]", "yaw rate [rad/s]")
+# colours of the path, and of the footprints at start and goal
 COLOUR, FIRST, LAST = "tab:red", "tab:green", "tab:blue"
-APART = 1.2  # [m or rad] along the way, or of yaw: footprints between the ends
-LEVEL = 1e-3  # sine of a slope that is not worth an arrow
-SAMPLES = 121  # of the heights, in either direction
-LINES = 24  # of equal height, at most, in and around the view
-ROOM = 0.15  # of a limit, above and below
+APART = 1.2  # [m driven or rad of yaw] between footprints
+LEVEL = 1e-3  # sine of the steepest slope that gets no arrow downhill
+SAMPLES = 121  # of a heightmap along each axis, for contour lines
+LINES = 24  # contour lines in and around the view, at most
+ROOM = 0.15  # share of a limit by which axes reach beyond it
 
 
 def draw_base(
     axes: Sequence[Axes], motion: UnicycleMotion, base: UnicycleBase | None, times: Array
 ) -> None:
-    """Way along the heading, speed, yaw and yaw rate; limits of the rates are dashed.
+    """Draw distance driven, speed, yaw and yaw rate over time; limits are dashed.
 
     Args:
-        axes: Four, for `LABELS`.
-        motion: The base's.
-        base: Gives the limits; None draws none.
-        times: Within the motion, growing, shape (K,) [s].
+        axes: Four axes, for `LABELS`.
+        motion: Motion of the base.
+        base: Gives the limits of speed and yaw rate; None draws none.
+        times: Increasing times within the motion, shape (K,) [s].
     """
     pose, velocity, _ = motion(times)
     steps = 0.5 * np.diff(times) * (velocity[1:, 0] + velocity[:-1, 0])
@@ -52,7 +52,7 @@ def draw_base(
             one.set_ylim(-(1.0 + ROOM) * limit, (1.0 + ROOM) * limit)
             for bound in (-limit, limit):
                 one.axhline(bound, color="black", linestyle="--", linewidth=1.0)
-        elif limit is not None:  # far below it: it would flatten the curve
+        elif limit is not None:  # a line far above the curve would flatten the curve
             one.text(
                 0.99, 0.04, f"limit {limit:g}", transform=one.transAxes, ha="right", color="dimgrey"
             )
@@ -69,48 +69,32 @@ def draw_plan_view(
     base: UnicycleBase | None,
     ground: Ground | None,
 ) -> None:
-    """The path seen from above, footprints along it, x and y bounds dashed, the way downhill or contour lines.
+    """Draw the path seen from above, with footprints, bounds on x and y, and the ground.
 
     Args:
-        axes: Empty ones.
-        motion: The base's.
-        support: The footprint, in the base's own axes.
-        base: Gives x and y bounds; None draws none.
-        ground: For its slope, an arrow, or for the heights of a map, contour lines with labels in
-            metres; None for neither.
+        axes: Empty axes.
+        motion: Motion of the base.
+        support: The footprint in the frame of the base.
+        base: Gives the bounds on x and y, dashed; None draws none.
+        ground: A slope has an arrow downhill, a heightmap contour lines with labels in metres; None
+            draws neither.
     """
     times = np.linspace(0.0, float(motion.times[-1]), 400)
     pose, velocity, _ = motion(times)
-    gone = np.append(0.0, np.cumsum(np.diff(times) * np.abs(velocity[1:]).max(axis=1)))
-    between = np.searchsorted(gone, np.arange(APART, gone[-1] - 0.5 * APART, APART))
+    # [m or rad] integral of the larger of speed and yaw rate
+    covered = np.append(0.0, np.cumsum(np.diff(times) * np.abs(velocity[1:]).max(axis=1)))
+    between = np.searchsorted(covered, np.arange(APART, covered[-1] - 0.5 * APART, APART))
     for k, colour, label in [
         *((k, "silver", None) for k in between),
         (0, FIRST, "start"),
         (len(times) - 1, LAST, "goal"),
     ]:
-        x, y, yaw = pose[k]
-        turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
-        corners = support.vertices @ turn.T + [x, y]
-        axes.plot(
-            *np.vstack([corners, corners[:1]]).T,
-            color=colour,
-            linewidth=1.0 if label is None else 1.6,
-        )
-        ahead = turn @ [float(support.vertices[:, 0].max()), 0.0]
-        arrow = {"arrowstyle": "->", "color": colour, "linewidth": 1.0 if label is None else 1.6}
-        axes.annotate("", xy=(x + ahead[0], y + ahead[1]), xytext=(x, y), arrowprops=arrow)
+        _draw_footprint(axes, support, pose[k], colour, 1.0 if label is None else 1.6)
         if label is not None:
             axes.plot([], [], color=colour, label=label)
     axes.plot(*pose[:, :2].T, color=COLOUR, linewidth=2.0, label="path")
     if base is not None:
-        lower, upper = base.position_bounds
-        for bounds, line in (
-            ((lower[0], upper[0]), axes.axvline),
-            ((lower[1], upper[1]), axes.axhline),
-        ):
-            for bound in bounds:
-                if np.isfinite(bound):
-                    line(bound, color="black", linestyle="--", linewidth=1.0)
+        _draw_bounds(axes, base)
     if isinstance(ground, Terrain) and not ground.uniform:
         _draw_contours(axes, ground)
     elif ground is not None:
@@ -122,17 +106,42 @@ def draw_plan_view(
     axes.legend(loc="best")
 
 
+def _draw_footprint(
+    axes: Axes, support: SupportPolygon, pose: Array, colour: str, linewidth: float
+) -> None:
+    """Draw the support polygon of a base at a pose x, y, yaw, with an arrow along its heading."""
+    x, y, yaw = pose
+    turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
+    corners = support.vertices @ turn.T + [x, y]
+    axes.plot(*np.vstack([corners, corners[:1]]).T, color=colour, linewidth=linewidth)
+    ahead = turn @ [float(support.vertices[:, 0].max()), 0.0]
+    arrow = {"arrowstyle": "->", "color": colour, "linewidth": linewidth}
+    axes.annotate("", xy=(x + ahead[0], y + ahead[1]), xytext=(x, y), arrowprops=arrow)
+
+
+def _draw_bounds(axes: Axes, base: UnicycleBase) -> None:
+    """Draw dashed lines at the bounds on the base's x and y."""
+    lower, upper = base.position_bounds
+    for axis, line in enumerate((axes.axvline, axes.axhline)):
+        for bound in (lower[axis], upper[axis]):
+            if np.isfinite(bound):
+                line(bound, color="black", linestyle="--", linewidth=1.0)
+
+
 def _draw_contours(axes: Axes, ground: Terrain) -> None:
-    """Lines of equal height behind what is drawn, and around it as far as equal scales may widen the view."""
-    # (axis, side)
-    drawn, view = axes.dataLim.frozen(), np.array([axes.get_xlim(), axes.get_ylim()])
+    """Draw lines of equal height behind the path.
+
+    They reach beyond the view, because equal scales of both axes may widen it.
+    """
+    drawn = axes.dataLim.frozen()
+    view = np.array([axes.get_xlim(), axes.get_ylim()])  # (axis, side)
     around = float(np.ptp(view, axis=1).max())
     low, high = (
         np.clip(side, *ground.extent) for side in (view[:, 0] - around, view[:, 1] + around)
     )
     x, y = (np.linspace(low[axis], high[axis], SAMPLES) for axis in range(2))
-    places = np.column_stack([np.tile(x, SAMPLES), np.repeat(y, SAMPLES), np.zeros(SAMPLES**2)])
-    heights = ground.base_pose(places)[0][:, 2].reshape(SAMPLES, SAMPLES)
+    poses = np.column_stack([np.tile(x, SAMPLES), np.repeat(y, SAMPLES), np.zeros(SAMPLES**2)])
+    heights = ground.base_pose(poses)[0][:, 2].reshape(SAMPLES, SAMPLES)
     if np.ptp(heights) > 0.0:
         lines = axes.contour(
             x,
@@ -145,17 +154,17 @@ def _draw_contours(axes: Axes, ground: Terrain) -> None:
             zorder=0.5,
         )
         axes.clabel(lines, fmt="%g m", fontsize=7.0, inline_spacing=2)
-    axes.dataLim.set(drawn)  # the lines shall not widen it
+    axes.dataLim.set(drawn)  # contour lines shall not widen the view
     axes.autoscale_view()
 
 
 def _draw_downhill(axes: Axes, ground: Ground) -> None:
-    """Arrow in a corner; none on level ground."""
+    """Draw an arrow downhill in a corner of the axes; none on level ground."""
     gravity = ground.gravity()
     down = gravity[:2] / np.linalg.norm(gravity)
-    steep = float(np.linalg.norm(down))
-    if steep > LEVEL:
-        tip = 0.12 + 0.08 * down[0] / steep, 0.1 + 0.08 * down[1] / steep
+    sine = float(np.linalg.norm(down))
+    if sine > LEVEL:
+        tip = 0.12 + 0.08 * down[0] / sine, 0.1 + 0.08 * down[1] / sine
         arrow = {"arrowstyle": "->", "color": "grey", "linewidth": 1.6}
         axes.annotate(
             "",

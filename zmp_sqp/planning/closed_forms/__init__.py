@@ -1,1 +1,1 @@
-"""Baselines, bounds and motions that need no search."""
+"""Motions and bounds in closed form: phase-plane baseline, analytic slew, base beside an arm."""

@@ -1,7 +1,8 @@
-"""How hard the base may accelerate while the arm moves, and its motion within that (Song & Sharf 2020, eq. (21))."""
+"""Base motion beside a planned arm motion, within the bound of Song & Sharf 2020, eq. (21)."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -22,45 +23,46 @@ from zmp_sqp.planning.closed_forms.base_motion import (
 
 __all__ = ["base_acceleration_bound", "moving_base_zmp", "plan_base"]
 
-# cosine between heading and an edge's normal below which the base cannot push the ZMP over it
+# Cosine between heading and an edge's normal below which the base cannot move the ZMP over it.
 SIDEWAYS = 1e-9
-# [m] by which a sampled ZMP may miss the margin: arm plans are checked on a coarser grid
+# [m] by which a sampled ZMP may miss the margin: arm plans are checked on a coarser grid.
 TOLERANCE = 1e-7
-AT_REST = 1e-6  # [rad/s or m/s] rounding of a final rate of zero
-# [m] a centre of mass this near to the ground, or below it, sets no bound that matters
+AT_REST = 1e-6  # [rad/s or m/s] final rates below it are rounding errors of zero
+# [m] Heights of the centre of mass are raised to this: the bound then exceeds any real base.
 LOWEST = 1e-6
-LEAST_FACTOR = 1e-4  # below it no bound is looked for
-REFINEMENTS = 12  # bisections of the factor
+LEAST_FACTOR = 1e-4  # no smaller share of the bound of eq. (21) is tried
+REFINEMENTS = 12  # bisections of that share: a resolution of 1/4096 of the last step
 
 
 def base_acceleration_bound(
     machine: Machine, trajectory: Trajectory, ground: Ground, *, margin: float = 0.0
 ) -> tuple[float, float]:
-    r"""Bound on the base's acceleration along its heading that the planned arm motion leaves.
+    r"""Bound on the base's acceleration along its heading that a planned arm motion leaves.
+
+    Song & Sharf 2020, eq. (21), with x forward:
 
     .. math::
         \frac{\partial x_{zmp}}{\partial \ddot x_0} = \frac{-\sum m z}{\sum m (\ddot z - g_z)},
-        \qquad d_u G \le \ddot x_0 \le -d_l G, \quad G = \frac{\sum m g_z}{\sum m z}    (Song &
-        Sharf 2020, eq. (21))
+        \qquad d_u G \le \ddot x_0 \le -d_l G, \quad G = \frac{\sum m g_z}{\sum m z}
 
-    x is forward. d_u and d_l are the ways along the heading from the arm's ZMP to the front and
-    rear edges, the least over the motion. The paper takes z'' for negligible and z for constant; of
-    the poses that occur, the one with the largest sum m z counts here.
+    d_u and d_l are the least distances over the motion, along the heading, from the arm's ZMP to
+    the front and rear edges. The paper neglects z'' and takes z for constant; here sum m z is the
+    largest over the motion.
 
     Args:
-        machine: With a support polygon; heights are those above it.
-        trajectory: The arm's motion, planned for a base that stands.
-        ground: What the machine stands on.
+        machine: The machine with a support polygon; heights are counted from the polygon's plane.
+        trajectory: Arm motion, planned for a base that stands.
+        ground: Ground under the machine.
         margin: Distance kept between ZMP and every edge [m].
 
     Returns:
-        (lower, upper) [m/s^2], root frame: lower <= 0 <= upper.
+        (lower, upper) [m/s^2] with lower <= 0 <= upper; forward is positive.
 
     Raises:
-        ProblemError: The arm's motion alone does not keep the margin, its joints are not the
+        ProblemError: The arm motion alone does not keep the margin, its joints are not the
             machine's, or the ground is no plane.
-        MachineError: No support polygon.
-        ContactLost: The arm's motion alone makes the ground pull.
+        MachineError: The machine has no support polygon.
+        ContactLost: The ground would have to pull during the arm motion alone.
     """
     support = _support(machine, trajectory, margin)
     _check_plane(ground)
@@ -69,19 +71,29 @@ def base_acceleration_bound(
     row, edge = np.unravel_index(np.argmin(room), room.shape)
     if room[row, edge] < -TOLERANCE:
         raise ProblemError(
-            f"the arm's motion alone misses the margin of {margin:.3g} m from the {support.edge_name(int(edge))} edge "
-            f"by {-room[row, edge]:.3f} m at {times[row]:.2f} s: plan it with that margin first"
+            f"the arm's motion alone misses the margin of {margin:.3g} m from the "
+            f"{support.edge_name(int(edge))} edge by {-room[row, edge]:.3f} m at "
+            f"{times[row]:.2f} s: plan it with that margin first"
         )
     ahead = support.normals[:, 0]
     front, rear = ahead > SIDEWAYS, ahead < -SIDEWAYS
     d_u = max(float((room[:, front] / ahead[front]).min()), 0.0)
     d_l = max(float((room[:, rear] / -ahead[rear]).min()), 0.0)
-    pull = machine.mass * ground.gravity()[2]  # sum m g_z < 0
-    q = trajectory(times)[0]
-    push = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])  # its moment about the root origin is sum m z
-    moments = ground_reaction(machine, q, 0.0 * q, 0.0 * q, root_acceleration=push)[:, 4]
-    G = pull / max(float(moments.max()) - machine.mass * support.height, LOWEST * machine.mass)
+    weight = machine.mass * ground.gravity()[2]  # sum m g_z < 0
+    sum_mz = _largest_sum_mz(machine, trajectory(times)[0], support)
+    G = weight / max(sum_mz, LOWEST * machine.mass)
     return d_u * G, -d_l * G
+
+
+def _largest_sum_mz(machine: Machine, q: Array, support: SupportPolygon) -> float:
+    """Largest sum m z over poses q, shape (K, n), with z above the support plane [kg m].
+
+    Accelerating the root forward by 1 m/s^2 takes a moment about the root origin whose y component
+    is sum m z.
+    """
+    forward = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    moments = ground_reaction(machine, q, 0.0 * q, 0.0 * q, root_acceleration=forward)[:, 4]
+    return float(moments.max()) - machine.mass * support.height
 
 
 def plan_base(
@@ -94,30 +106,32 @@ def plan_base(
     max_acceleration: float,
     margin: float = 0.0,
 ) -> BaseMotion:
-    """Straight base motion along the heading, rest to rest, beside a planned arm motion: phase-plane method under (21).
+    """Straight base motion from rest to rest beside a planned arm motion, within eq. (21).
 
-    Speed up with one side of the bound, coast at the largest speed, brake with the other side. If
-    the arm takes longer, the motion is stretched to end with it, gentler by the square; if not, the
-    arm waits at its goal. Then the complete wrench is looked at, on both sides of every jump of an
-    acceleration and between. Where what (21) neglects would break the polygon, both sides of the
-    bound shrink by one factor, the largest that bisection finds.
+    The base speeds up at one side of the bound, coasts at the largest speed and brakes at the other
+    side. If the arm takes longer, the base motion is slowed down to end with the arm's; else the
+    arm waits at its goal. The motion is then checked with the complete wrench of arm and base,
+    sampled on both sides of every jump of an acceleration and between. If the ZMP misses the margin
+    because of terms that (21) neglects, both sides of the bound shrink by one factor, the largest
+    that bisection finds.
 
     Args:
-        machine: With a support polygon; point masses or rigid bodies, as it is.
-        trajectory: The arm's motion, planned for a base that stands.
-        ground: What the machine stands on, the same all along the way.
-        distance: Signed, forward positive [m].
-        max_speed: Of the base [m/s].
-        max_acceleration: Of the base, both ways [m/s^2].
+        machine: The machine with a support polygon, of point masses or rigid bodies.
+        trajectory: Arm motion, planned for a base that stands.
+        ground: Plane on which the base drives.
+        distance: Distance to drive along the heading, negative backward [m].
+        max_speed: Limit of the base's speed in both directions [m/s].
+        max_acceleration: Limit of the base's acceleration in both directions [m/s^2].
         margin: Distance kept between ZMP and every edge [m].
 
     Returns:
-        The motion; `factor` is 1.0 where (21) held as it stands.
+        The motion; its `factor` is 1.0 if the bound of (21) did not have to shrink.
 
     Raises:
-        ProblemError: No base motion with this arm motion is safe, the arm's motion alone is not, it
-            ends in motion and could not wait, or an argument is not a number of the right sign.
-        MachineError: No support polygon.
+        ProblemError: No base motion beside this arm motion is safe; the arm motion alone is unsafe;
+            the arm ends in motion, so that it cannot wait for the base; or an argument is not a
+            number of the right sign.
+        MachineError: The machine has no support polygon.
     """
     distance = finite_number(distance, name="distance", error=ProblemError)
     limits = {"max_speed": max_speed, "max_acceleration": max_acceleration}
@@ -125,46 +139,85 @@ def plan_base(
         limits[name] = finite_number(value, name=name, error=ProblemError)
         if limits[name] <= 0.0:
             raise ProblemError(f"{name} must be positive, not {value}")
-    lower, upper = base_acceleration_bound(machine, trajectory, ground, margin=margin)
-    if distance != 0.0 and min(-lower, upper) <= 0.0:
-        side = "front" if lower == 0.0 else "rear"
+    bound = base_acceleration_bound(machine, trajectory, ground, margin=margin)
+    if distance != 0.0 and min(-bound[0], bound[1]) <= 0.0:
+        side = "front" if bound[0] == 0.0 else "rear"
         raise ProblemError(
-            f"no base motion is safe beside this arm motion: its ZMP comes up to the {side} edge, so eq. (21) wants "
-            f"accelerations within [{lower:.3g}, {upper:.3g}] m/s^2; plan the arm with a larger margin"
+            f"no base motion is safe beside this arm motion: its ZMP comes up to the {side} edge, "
+            f"so eq. (21) wants accelerations within [{bound[0]:.3g}, {bound[1]:.3g}] m/s^2; "
+            "plan the arm with a larger margin"
         )
 
     def attempt(factor: float) -> BaseMotion | str:
-        motion = asymmetric_profile(
-            distance,
-            forward=min(factor * upper, limits["max_acceleration"]),
-            backward=min(-factor * lower, limits["max_acceleration"]),
-            max_speed=limits["max_speed"],
-            least_duration=trajectory.duration,
-        )
-        if (
-            motion.duration > trajectory.duration
-            and np.abs(trajectory.velocities[-1]).max() > AT_REST
-        ):
-            raise ProblemError(
-                "the arm ends in motion and cannot wait for the base, which takes longer"
-            )
-        try:
-            points = moving_base_zmp(machine, trajectory, motion, ground)[1]
-        except ContactLost as lost:
-            return str(lost)
-        support = _support(machine, trajectory, margin)
-        found = float(support.signed_distance(points).min())
-        if found < margin - TOLERANCE:
-            return f"the ZMP keeps {found:.3f} m instead of {margin:.3f} m from the edges"
-        return BaseMotion(motion, lower=lower, upper=upper, factor=factor, margin=found)
+        motion = _profile(distance, bound, limits, factor=factor, arm=trajectory)
+        return _checked(machine, trajectory, motion, ground, bound, factor=factor, margin=margin)
 
+    return _largest_safe(attempt)
+
+
+def _profile(
+    distance: float,
+    bound: tuple[float, float],
+    limits: Mapping[str, float],
+    *,
+    factor: float,
+    arm: Trajectory,
+) -> Trajectory:
+    """Base motion within a share of the bound of (21) that does not end before the arm motion."""
+    lower, upper = bound
+    motion = asymmetric_profile(
+        distance,
+        forward=min(factor * upper, limits["max_acceleration"]),
+        backward=min(-factor * lower, limits["max_acceleration"]),
+        max_speed=limits["max_speed"],
+        least_duration=arm.duration,
+    )
+    if motion.duration > arm.duration and np.abs(arm.velocities[-1]).max() > AT_REST:
+        raise ProblemError(
+            "the arm ends in motion and cannot wait for the base, which takes longer"
+        )
+    return motion
+
+
+def _checked(
+    machine: Machine,
+    arm: Trajectory,
+    motion: Trajectory,
+    ground: Ground,
+    bound: tuple[float, float],
+    *,
+    factor: float,
+    margin: float,
+) -> BaseMotion | str:
+    """Base motion if arm and base together keep the margin; else the reason why not."""
+    try:
+        points = moving_base_zmp(machine, arm, motion, ground)[1]
+    except ContactLost as lost:
+        return str(lost)
+    found = float(_support(machine, arm, margin).signed_distance(points).min())
+    if found < margin - TOLERANCE:
+        return f"the ZMP keeps {found:.3f} m instead of {margin:.3f} m from the edges"
+    lower, upper = bound
+    return BaseMotion(motion, lower=lower, upper=upper, factor=factor, margin=found)
+
+
+def _largest_safe(attempt: Callable[[float], BaseMotion | str]) -> BaseMotion:
+    """Safe base motion with the largest share of the bound of (21): halving, then bisection.
+
+    Args:
+        attempt: Base motion for a share, or the reason why there is none.
+
+    Raises:
+        ProblemError: No share above `LEAST_FACTOR` gives a safe motion.
+    """
     best = attempt(1.0)
     unsafe, factor = 1.0, 1.0
     while isinstance(best, str):
         unsafe, factor = factor, 0.5 * factor
         if factor < LEAST_FACTOR:
             raise ProblemError(
-                f"no base motion is safe beside this arm motion: even at {unsafe:.1e} of the bound of eq. (21) {best}"
+                "no base motion is safe beside this arm motion: even at "
+                f"{unsafe:.1e} of the bound of eq. (21) {best}"
             )
         best = attempt(factor)
     if factor < 1.0:
@@ -181,16 +234,16 @@ def plan_base(
 def moving_base_zmp(
     machine: Machine, trajectory: Trajectory, base: BaseMotion | Trajectory | None, ground: Ground
 ) -> tuple[Array, Array]:
-    """ZMP of arm and base together from the complete wrench, on both sides of every jump and between.
+    """ZMP of arm and base together, sampled from the complete wrench.
 
-    Samples are at most 5 ms apart, and at least ten in every piece between two nodes; `certify`
-    misses nothing between.
+    Samples stand on both sides of every jump of an acceleration, at most 5 ms apart, and at least
+    ten between two nodes. `certify` proves what holds between samples.
 
     Args:
         machine: The machine.
-        trajectory: The arm's motion; it waits at its goal while the base still moves.
-        base: The base's motion along its heading; None stands still.
-        ground: What the machine stands on.
+        trajectory: Arm motion; the arm waits at its goal while the base still moves.
+        base: Base motion along the heading; None for a base that stands.
+        ground: Ground under the machine.
 
     Returns:
         Times, shape (K,) [s], and ZMP in the root frame, shape (K, 2) [m].
@@ -202,10 +255,11 @@ def moving_base_zmp(
     motion = base.trajectory if isinstance(base, BaseMotion) else base
     if motion is not None:
         _check_plane(ground)
-    times, q, v, a, push = combined_states(trajectory, motion)
+    times, q, v, a, base_acceleration = combined_states(trajectory, motion)
+    # root acceleration less gravity; the base accelerates along x of the root frame
     root = np.zeros((len(times), 6))
     root[:, :3] = -ground.gravity()
-    root[:, 0] += push
+    root[:, 0] += base_acceleration
     height = 0.0 if machine.support is None else machine.support.height
     return times, zmp_of_wrench(ground_reaction(machine, q, v, a, root_acceleration=root), height)
 
@@ -218,6 +272,7 @@ def _check_plane(ground: Ground) -> None:
 
 
 def _support(machine: Machine, trajectory: Trajectory, margin: Any) -> SupportPolygon:
+    """Support polygon of the machine; refuses other joints in the trajectory and bad margins."""
     if trajectory.joint_names != machine.joint_names:
         raise ProblemError(
             f"the trajectory's joints are {', '.join(trajectory.joint_names)}, "
@@ -227,6 +282,7 @@ def _support(machine: Machine, trajectory: Trajectory, margin: Any) -> SupportPo
         raise ProblemError(f"margin must not be negative, not {margin} m")
     if machine.support is None:
         raise MachineError(
-            f"machine {machine.name!r} has no support polygon: give one by support=... or with_support"
+            f"machine {machine.name!r} has no support polygon: "
+            "give one by support=... or with_support"
         )
     return machine.support

@@ -1,4 +1,4 @@
-"""The base's motion along its heading, and its states beside those of the arm."""
+"""Straight base motion along the heading, and its states beside those of an arm motion."""
 
 from __future__ import annotations
 
@@ -13,12 +13,13 @@ from zmp_sqp.motion.unicycle_motion import UnicycleMotion
 
 __all__ = ["BaseMotion", "asymmetric_profile", "combined_states", "driven_trajectory"]
 
-# share of a piece by which its outermost samples stand inside, so that each has its own
-# accelerations
+# Share of an interval by which its outermost samples stand inside it: accelerations jump at nodes,
+# and every sample shall have the acceleration of its own interval.
 INSIDE = 1e-9
-SAMPLES = 10  # per piece between two nodes of arm or base, at least
-MOST_SAMPLES = 100_000  # however long the motion is
-# [s] between two of them at most: the ZMP of a heavy arm bends by some 10 m/s^2, 0.03 mm in between
+SAMPLES = 10  # least number of samples between two nodes of arm or base
+MOST_SAMPLES = 100_000  # for the whole motion, to bound memory
+# [s] largest time between samples. A ZMP that accelerates by 10 m/s^2, as a heavy arm's does, then
+# leaves the chord between two samples by 10 * STEP^2 / 8 = 0.03 mm.
 STEP = 5e-3
 
 
@@ -27,14 +28,12 @@ class BaseMotion:
     """Straight motion of the base along its heading, beside an arm motion.
 
     Attributes:
-        trajectory: Of the one coordinate "base", forward positive [m]; it starts at 0.
-        lower: Bound on the acceleration as eq. (21) gives it, before the base's own limit and the
-            factor [m/s^2].
-        upper: Likewise, forward [m/s^2].
-        factor: Share of that bound that was used: 1.0 as (21) says, less where it had to shrink
-            [-].
-        margin: Least distance from the ZMP to an edge that was found, arm and base moving together
-            [m].
+        trajectory: Motion of one coordinate, "base": distance along the heading from the start,
+            forward positive [m].
+        lower: Bound of eq. (21) on the acceleration, backward (negative) [m/s^2].
+        upper: Bound of eq. (21) on the acceleration, forward [m/s^2].
+        factor: Share of that bound that the motion may use; below 1.0 if the bound had to shrink.
+        margin: Least sampled distance from the ZMP of arm and base together to an edge [m].
     """
 
     trajectory: Trajectory
@@ -45,36 +44,36 @@ class BaseMotion:
 
     @property
     def shrunk(self) -> bool:
-        """Whether the bound of eq. (21) would have broken the polygon."""
+        """Whether the bound of eq. (21) had to shrink to keep the ZMP inside the polygon."""
         return self.factor < 1.0
 
     @property
     def duration(self) -> float:
-        """Of arm and base together, for the base never ends first [s]."""
+        """Duration of arm and base together: the base never ends before the arm [s]."""
         return self.trajectory.duration
 
     @property
     def times(self) -> Array:
-        """Nodes, shape (B+1,) [s]."""
+        """Times of the nodes, shape (B+1,) [s]."""
         return self.trajectory.times
 
     @property
     def positions(self) -> Array:
-        """Way gone at the nodes, shape (B+1,) [m]."""
+        """Distances along the heading at the nodes, shape (B+1,) [m]."""
         return self.trajectory.positions[:, 0]
 
     @property
     def speeds(self) -> Array:
-        """At the nodes, shape (B+1,) [m/s]."""
+        """Speeds at the nodes, forward positive, shape (B+1,) [m/s]."""
         return self.trajectory.velocities[:, 0]
 
     @property
     def accelerations(self) -> Array:
-        """Constant on each interval, shape (B,) [m/s^2]."""
+        """Accelerations, constant on each interval, shape (B,) [m/s^2]."""
         return self.trajectory.accelerations[:, 0]
 
     def __call__(self, t: Any) -> tuple[Any, Any, Any]:
-        """Way [m], speed [m/s] and acceleration [m/s^2] at times as `Trajectory` takes them, of the shape of t."""
+        """Distance [m], speed [m/s] and acceleration [m/s^2] at times t, each of the shape of t."""
         position, speed, acceleration = self.trajectory(t)
         return position[..., 0], speed[..., 0], acceleration[..., 0]
 
@@ -82,56 +81,66 @@ class BaseMotion:
 def asymmetric_profile(
     distance: float, *, forward: float, backward: float, max_speed: float, least_duration: float
 ) -> Trajectory:
-    r"""Phase-plane motion from rest to rest with other limits forward than backward, no shorter than a duration.
+    r"""Bang-coast-bang motion from rest to rest with different limits forward and backward.
 
-    .. math:: v = \min(v_{max}, \sqrt{2 D / (1/a_1 + 1/a_2)}), \quad T = D/v + v/(2 a_1) + v/(2 a_2)
+    .. math::
+        v = \min(v_{max}, \sqrt{2 D / (1/a_1 + 1/a_2)}), \quad
+        T = D/v + v/(2 a_1) + v/(2 a_2)
 
     a_1 speeds up and a_2 brakes; which of the two is the forward limit depends on the sign of the
-    distance. A motion that would end too early is stretched as a whole by s: speeds by 1/s,
-    accelerations by 1/s^2.
+    distance. If T is less than `least_duration`, time is stretched by s = least_duration / T, which
+    divides speeds by s and accelerations by s^2.
 
     Args:
-        distance: Signed [m].
+        distance: Distance along the heading, negative backward [m].
         forward: Largest acceleration forward, positive [m/s^2].
         backward: Largest acceleration backward, positive [m/s^2].
-        max_speed: Both ways [m/s].
-        least_duration: At least 0 [s].
+        max_speed: Largest speed in both directions [m/s].
+        least_duration: The motion lasts at least so long, 0 or more [s].
+
+    Returns:
+        Motion of one coordinate, "base" [m].
     """
     if distance == 0.0:
         still = np.zeros((2, 1))
         return Trajectory(("base",), np.array([0.0, least_duration]), still, still, still[:1])
-    way = abs(distance)
+    D = abs(distance)
     up, down = (forward, backward) if distance > 0.0 else (backward, forward)
-    effort = 0.5 / up + 0.5 / down
-    speed = min(max_speed, float(np.sqrt(way / effort)))
-    coast = way / speed - speed * effort
+    # without coasting, D = v^2 * ramps
+    ramps = 0.5 / up + 0.5 / down
+    speed = min(max_speed, float(np.sqrt(D / ramps)))
+    coast = D / speed - speed * ramps
     phases = (
         [speed / up, coast, speed / down]
-        if coast > 1e-12 * way / speed
+        if coast > 1e-12 * D / speed
         else [speed / up, speed / down]
     )
     steps = np.array(phases) * max(least_duration / sum(phases), 1.0)
     rates = np.array([0.0, 1.0, 1.0, 0.0] if len(steps) == 3 else [0.0, 1.0, 0.0])
     rates *= distance / np.sum(0.5 * steps * (rates[1:] + rates[:-1]))
-    places = np.concatenate([[0.0], np.cumsum(0.5 * steps * (rates[1:] + rates[:-1]))])
+    positions = np.concatenate([[0.0], np.cumsum(0.5 * steps * (rates[1:] + rates[:-1]))])
     times = np.concatenate([[0.0], np.cumsum(steps)])
     if np.isclose(times[-1], least_duration, rtol=1e-12, atol=0.0):
-        times[-1] = least_duration  # but for rounding
+        times[-1] = least_duration  # removes the rounding error
     return Trajectory(
-        ("base",), times, places[:, None], rates[:, None], (np.diff(rates) / steps)[:, None]
+        ("base",), times, positions[:, None], rates[:, None], (np.diff(rates) / steps)[:, None]
     )
 
 
 def combined_states(
     arm: Trajectory, base: Trajectory | None
 ) -> tuple[Array, Array, Array, Array, Array]:
-    """States of arm and base on a fine grid, equally many in every piece between two nodes of either, both ends of it.
+    """States of arm and base on a grid with as many samples in each interval of their nodes.
 
-    The one that ends first rests where it ended.
+    Whichever ends first rests at its goal.
+
+    Args:
+        arm: Arm motion.
+        base: Base motion, one coordinate [m]; None for a base that stands.
 
     Returns:
-        Times (K,) [s], the arm's positions, rates and accelerations (K, n), the base's
-        accelerations (K,) [m/s^2].
+        Times, shape (K,) [s]; the arm's positions, rates and accelerations, shape (K, n); the
+        base's accelerations, shape (K,) [m/s^2].
     """
     nodes = arm.times if base is None else np.union1d(arm.times, base.times)
     count = max(
@@ -149,21 +158,23 @@ def combined_states(
     v[waiting], a[waiting] = 0.0, 0.0
     if base is None:
         return times, q, v, a, np.zeros_like(times)
-    push = base(np.minimum(times, base.duration))[2][:, 0]
-    push[times > base.duration] = 0.0
-    return times, q, v, a, push
+    base_acceleration = base(np.minimum(times, base.duration))[2][:, 0]
+    base_acceleration[times > base.duration] = 0.0
+    return times, q, v, a, base_acceleration
 
 
 def driven_trajectory(arm: Trajectory, base: Trajectory, start: Array) -> Trajectory:
-    """One trajectory of arm and base, exact: what can be certified, drawn and written like any other.
+    """Arm motion and straight base motion as one trajectory, exactly.
+
+    Whichever ends first rests at its goal.
 
     Args:
-        arm: The joints' motion.
-        base: The way along the heading, from zero on, one coordinate [m].
-        start: Pose x, y, yaw from which the base drives straight, shape (3,) [m, m, rad].
+        arm: Arm motion.
+        base: Base motion: distance along the heading from the start, one coordinate [m].
+        start: Pose x, y, yaw at which the base starts, shape (3,) [m, m, rad].
 
     Returns:
-        Over the nodes of both; the one that ends first rests where it ended.
+        Trajectory whose nodes are those of both motions.
     """
     nodes = np.union1d(arm.times, base.times)
     parts = []
@@ -176,9 +187,10 @@ def driven_trajectory(arm: Trajectory, base: Trajectory, start: Array) -> Trajec
         jerks = np.where(resting[:, None], 0.0, motion.jerks[k])
         last = motion.velocities[-1:] if motion.duration == nodes[-1] else 0.0 * v[-1:]
         parts.append((np.vstack([q, motion.positions[-1:]]), np.vstack([v, last]), a, jerks))
-    (q, v, a, jerks), (_, speed, push, change) = parts
-    still = np.zeros_like(push)
-    pushes = np.hstack([push, still]), np.hstack([change, still])
+    (q, v, a, jerks), (_, speed, acceleration, jerk) = parts
+    # columns: along the heading, and in yaw
+    still = np.zeros_like(acceleration)
+    accelerations = np.hstack([acceleration, still]), np.hstack([jerk, still])
     rates, yaw = np.hstack([speed, np.zeros_like(speed)]), np.full(len(nodes), start[2])
-    drive = UnicycleMotion.from_start(nodes, start, rates, yaw, pushes)
+    drive = UnicycleMotion.from_start(nodes, start, rates, yaw, accelerations)
     return Trajectory(arm.joint_names, nodes, q, v, a, jerks, drive)

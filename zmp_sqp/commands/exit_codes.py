@@ -1,0 +1,14 @@
+"""Exit codes of the command line."""
+
+from __future__ import annotations
+
+__all__ = ["BAD_INPUT", "BROKEN_PIPE", "DONE", "EXIT_CODES", "INTERRUPTED", "UNSAFE"]
+
+DONE, UNSAFE, BAD_INPUT = 0, 1, 2
+INTERRUPTED, BROKEN_PIPE = 130, 141  # 128 + SIGINT, 128 + SIGPIPE, as shells report them
+EXIT_CODES = """\
+exit codes:
+  0  done, and the motion is safe
+  1  no motion was found, or it is unsafe; the diagnosis is printed
+  2  bad input, or start or goal tips over at rest; one sentence on standard error says what
+"""

@@ -1,0 +1,232 @@
+"""Options of a command that describe machine, ground and uncertainties.
+
+The options are turned into the tables of a scenario file, from which `zmp_sqp.scenario.scene`
+builds machine and ground. Options and scenario files thus obey one set of rules.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from zmp_sqp.errors import MachineError
+from zmp_sqp.mechanics import Heightmap, Machine, Slope, shipped_machines
+from zmp_sqp.scenario.scene import build_ground, build_machine, build_uncertainties
+from zmp_sqp.scenario.schema import HEIGHTMAP, PAYLOAD
+
+__all__ = [
+    "add_ground_options",
+    "add_machine_options",
+    "add_payload_options",
+    "add_uncertainty_options",
+    "ground_of",
+    "machine_of",
+    "uncertainties_of",
+]
+
+HERE = Path()  # paths on the command line are relative to the working folder
+# attribute of the parsed arguments for each key of [machine.payload]
+PAYLOAD_ARGUMENTS = {
+    "mass": "payload",
+    "frame": "payload_frame",
+    "com": "payload_com",
+    "inertia": "payload_inertia",
+}
+
+
+def add_machine_options(command: argparse.ArgumentParser) -> None:
+    """Add options for joint limits, support and point masses."""
+    command.add_argument(
+        "--limits",
+        metavar="FILE",
+        help="joint limits as MoveIt's joint_limits.yaml (default: the file beside the URDF)",
+    )
+    command.add_argument(
+        "--contact-links",
+        nargs="+",
+        metavar="LINK",
+        help="links that stand on the ground (default: all that is fixed to the root link)",
+    )
+    command.add_argument(
+        "--point-masses",
+        action="store_true",
+        help="drop rotational inertias, as eq. (5) of Song & Sharf 2020 does",
+    )
+
+
+def add_payload_options(command: argparse.ArgumentParser) -> None:
+    """Add options for the payload."""
+    command.add_argument("--payload", type=float, metavar="KG", help="[kg] mass of the payload")
+    command.add_argument(
+        "--payload-frame", metavar="LINK", help="name of the link that carries the payload"
+    )
+    command.add_argument(
+        "--payload-com",
+        type=float,
+        nargs=3,
+        metavar=("X", "Y", "Z"),
+        help="[m] payload's centre of mass in the frame of that link",
+    )
+    command.add_argument(
+        "--payload-inertia",
+        type=float,
+        nargs=3,
+        metavar=("XX", "YY", "ZZ"),
+        help=(
+            "[kg m^2] payload's rotational inertia about its centre of mass, along the axes of "
+            "that link (default: a point mass)"
+        ),
+    )
+
+
+def add_ground_options(command: argparse.ArgumentParser) -> None:
+    """Add options for the ground: roll and pitch of a plane, or a heightmap."""
+    command.add_argument(
+        "--roll",
+        type=float,
+        default=0.0,
+        metavar="DEG",
+        help="[deg] roll of the ground; negative leans the machine to its left (default: 0)",
+    )
+    command.add_argument(
+        "--pitch",
+        type=float,
+        default=0.0,
+        metavar="DEG",
+        help="[deg] pitch of the ground; positive is nose down (default: 0)",
+    )
+    command.add_argument(
+        "--heightmap",
+        metavar="FILE",
+        help="heights (CSV or NPY) over which the base drives, in place of --roll and --pitch",
+    )
+    command.add_argument(
+        "--resolution",
+        type=float,
+        metavar="M",
+        help="[m] distance between neighbouring samples of the heightmap",
+    )
+    command.add_argument(
+        "--origin",
+        type=float,
+        nargs=2,
+        default=(0.0, 0.0),
+        metavar=("X", "Y"),
+        help="[m] position of the heightmap's first sample (default: 0 0)",
+    )
+
+
+def add_uncertainty_options(command: argparse.ArgumentParser) -> None:
+    """Add options for uncertainties of payload and slope."""
+    command.add_argument(
+        "--tipping-fraction",
+        type=float,
+        default=1.0,
+        metavar="SHARE",
+        help="require safety with the payload divided by this share too "
+        "(ISO 10567: 0.75; default: 1)",
+    )
+    command.add_argument(
+        "--payload-uncertainty",
+        type=float,
+        default=0.0,
+        metavar="SHARE",
+        help="largest relative error of the payload's mass and inertia: 0.1 is 10 %% (default: 0)",
+    )
+    command.add_argument(
+        "--payload-com-uncertainty",
+        type=float,
+        nargs="+",
+        default=[0.0],
+        metavar="M",
+        help="[m] largest error of the payload's centre of mass along each axis: one number, or "
+        "one per axis (default: 0)",
+    )
+    command.add_argument(
+        "--slope-uncertainty",
+        type=float,
+        default=0.0,
+        metavar="DEG",
+        help="[deg] largest error of the direction of gravity; not with --heightmap (default: 0)",
+    )
+
+
+def machine_of(arguments: argparse.Namespace) -> Machine:
+    """Machine that the options describe.
+
+    Raises:
+        MachineError: Options for the payload are missing, or URDF, limits, support or payload
+            cannot be used.
+    """
+    source = "name" if arguments.urdf in shipped_machines() else "urdf"
+    table: dict[str, Any] = {source: arguments.urdf, "point_masses": arguments.point_masses}
+    if arguments.contact_links is not None:
+        table["contact_links"] = arguments.contact_links
+    if arguments.limits is not None:
+        table["joint_limits"] = arguments.limits
+    payload = _payload_table(arguments)
+    if payload:
+        table["payload"] = payload
+    return build_machine(table, HERE)
+
+
+def _payload_table(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Table [machine.payload] of the options; empty without a payload."""
+    given = {key: getattr(arguments, name) for key, name in PAYLOAD_ARGUMENTS.items()}
+    table = {key: value for key, value in given.items() if value is not None}
+    if not table or table.keys() >= set(PAYLOAD.required):
+        if "inertia" in table:
+            table["inertia"] = np.diag(table["inertia"])
+        return table
+    mass, *others = (_option(PAYLOAD_ARGUMENTS[key]) for key in ("mass", "frame", "com"))
+    if table.keys() == {"inertia"}:
+        raise MachineError(
+            f"{_option(PAYLOAD_ARGUMENTS['inertia'])} belongs to a payload: give {mass}, "
+            f"{' and '.join(others)}"
+        )
+    raise MachineError(f"{mass}, {' and '.join(others)} belong together: give all three")
+
+
+def ground_of(arguments: argparse.Namespace) -> Slope | Heightmap:
+    """Ground that the options describe.
+
+    Raises:
+        MachineError: Options exclude each other or are missing, an angle is out of range, or the
+            heightmap cannot be used.
+    """
+    slope = {"roll_deg": arguments.roll, "pitch_deg": arguments.pitch}
+    if arguments.heightmap is None:
+        return build_ground(slope, HERE)
+    table = {"file": arguments.heightmap, "origin": tuple(arguments.origin)}
+    if arguments.resolution is not None:
+        table["resolution"] = arguments.resolution
+    if any(slope.values()) or not table.keys() >= set(HEIGHTMAP.required):
+        raise MachineError(
+            "--heightmap needs --resolution, and has slopes of its own: "
+            "leave out --roll and --pitch"
+        )
+    return build_ground({"heightmap": table}, HERE)
+
+
+def uncertainties_of(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Uncertainties that the options describe, as keyword arguments of `Problem`, in SI units.
+
+    Raises:
+        ProblemError: A value is out of range.
+    """
+    com = arguments.payload_com_uncertainty
+    table = {
+        "tipping_fraction": arguments.tipping_fraction,
+        "payload_uncertainty": arguments.payload_uncertainty,
+        "payload_com_uncertainty": com[0] if len(com) == 1 else com,
+        "slope_uncertainty_deg": arguments.slope_uncertainty,
+    }
+    return build_uncertainties(table, spell=lambda key: _option(key.removesuffix("_deg")))
+
+
+def _option(argument: str) -> str:
+    """Option of a command line that sets this attribute of the parsed arguments."""
+    return f"--{argument.replace('_', '-')}"

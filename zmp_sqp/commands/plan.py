@@ -1,0 +1,218 @@
+"""`zmp-sqp plan`: plan the motion of a scenario."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from zmp_sqp.commands.console import (
+    add_command,
+    add_json_option,
+    add_out_option,
+    make_console,
+    prepare_folder,
+    print_lines,
+    to_json,
+    without_matplotlib,
+    write_json,
+)
+from zmp_sqp.commands.exit_codes import DONE, UNSAFE
+from zmp_sqp.planning import Plan, Problem, Trajectory, diagnose, phase_plane, plan
+from zmp_sqp.scenario import load_scenario
+from zmp_sqp.show.joint_plots import joint_unit, plot_joints
+from zmp_sqp.show.results import RESULT_KEYS, make_result
+from zmp_sqp.show.tables import history_table, joint_table, summary_table
+from zmp_sqp.show.zmp_plots import plot_zmp
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+__all__ = ["PLAN_FILES", "add_plan", "run_plan"]
+
+# files of `--out`
+PLAN_FILES = ("plan.json", "trajectory.csv", "trajectory.json", "zmp.png", "joints.png")
+PLANNERS = {"full": "full model"}  # names of models in figures, where they differ
+DESCRIPTION = """\
+Plan the fastest safe motion of a scenario, print a summary, and write trajectory and figures.
+"""
+EXAMPLES = """\
+examples:
+  zmp-sqp plan paper_1 --out out/paper_1      table, trajectory, figures
+  zmp-sqp plan my_machine.toml --json -       results for another program
+  zmp-sqp plan paper_1 --margin 0.3 --verbose
+"""
+SCENARIO_KEYS = """\
+keys of scenario files (TOML): SI units; angles in degrees where a key ends in _deg, else in
+radians; paths are relative to the file:
+  title               one line
+  [machine]           name (of a shipped machine) or urdf (file); point_masses (true drops
+                      rotational inertias); joint_limits (file), limits (table: position_lower,
+                      position_upper, velocity, acceleration, effort); support (table: vertices,
+                      height) or contact_links
+  [machine.payload]   mass [kg], frame (name of a link), com [m] in that frame,
+                      inertia [kg m^2] about com, 3 x 3 (default: a point mass)
+  [ground]            roll_deg (negative leans left), pitch_deg (positive is nose down)
+  [ground.heightmap]  in place of roll and pitch: file (CSV or NPY), resolution [m], origin [m]
+  [motion]            start, goal, start_velocity, goal_velocity: one number per joint;
+                      or start_deg, goal_deg, ... in degrees
+  [base]              start, goal: x, y, yaw [m, m, rad]; max_speed, max_acceleration, max_yaw_rate,
+                      max_yaw_acceleration; start_velocity, goal_velocity: speed, yaw rate;
+                      x_bounds, y_bounds [m]
+  [plan]              model (full or simplified), intervals, margin [m], qp_solver;
+                      uncertainties, under all of which the motion stays safe:
+                      tipping_fraction (payload divided by this share; ISO 10567: 0.75),
+                      payload_uncertainty (share of the payload's mass and inertia: 0.1 is 10 %),
+                      payload_com_uncertainty [m] (one number, or one per axis of its frame),
+                      slope_uncertainty_deg (error of the direction of gravity)
+"""
+
+
+def add_plan(commands: Any, shipped: str) -> None:
+    """Add the command `plan`.
+
+    Args:
+        commands: Subcommands of an argparse parser.
+        shipped: Help text that lists the shipped scenarios.
+    """
+    command = add_command(
+        commands,
+        "plan",
+        run_plan,
+        summary="plan the motion of a scenario",
+        description=DESCRIPTION,
+        notes=(EXAMPLES, shipped, SCENARIO_KEYS, RESULT_KEYS),
+    )
+    command.add_argument(
+        "scenario", metavar="SCENARIO", help="a scenario file (TOML), or the name of a shipped one"
+    )
+    _add_planning_options(command)
+    _add_output_options(command)
+
+
+def _add_planning_options(command: argparse.ArgumentParser) -> None:
+    command.add_argument(
+        "--qp-solver",
+        metavar="NAME",
+        help="proxqp, piqp or qpsolvers:NAME (default: the scenario's)",
+    )
+    command.add_argument(
+        "--intervals",
+        type=int,
+        metavar="N",
+        help="number of intervals of the time grid (default: the scenario's)",
+    )
+    command.add_argument(
+        "--margin",
+        type=float,
+        metavar="M",
+        help="[m] least distance from the ZMP to every edge (default: the scenario's)",
+    )
+    command.add_argument(
+        "--no-diagnosis",
+        dest="diagnosis",
+        action="store_false",
+        help="if no motion is found, do not search for a payload or slope for which there is one",
+    )
+
+
+def _add_output_options(command: argparse.ArgumentParser) -> None:
+    add_out_option(command, PLAN_FILES)
+    add_json_option(command)
+    command.add_argument(
+        "--no-figures", dest="figures", action="store_false", help="write no figures"
+    )
+    command.add_argument("--verbose", action="store_true", help="print every SQP iteration")
+
+
+def run_plan(arguments: argparse.Namespace) -> int:
+    """Plan, print and write; returns the exit code."""
+    scenario = load_scenario(arguments.scenario)
+    overrides = {
+        key: value
+        for key in ("intervals", "margin")
+        if (value := getattr(arguments, key)) is not None
+    }
+    problem = replace(scenario.problem, **overrides)
+    prepare_folder(arguments.out, PLAN_FILES)
+    found = plan(problem, qp_solver=arguments.qp_solver or scenario.qp_solver)
+    baseline = _baseline(problem)
+    result = make_result(scenario, found, baseline)
+
+    console = make_console(arguments.json)
+    console.print(f"{scenario.name}: {scenario.title}", style="bold", soft_wrap=True)
+    if arguments.verbose:
+        console.print(history_table(found))
+    console.print(summary_table(result))
+    if found.success:
+        console.print(joint_table(result, joint_unit(problem.machine)))
+    elif arguments.diagnosis:
+        result |= _diagnosis(found, console)
+    console.print(result["message"], style=None if found.success else "bold red", soft_wrap=True)
+    if arguments.out is not None:
+        lines = _write(arguments.out, found, baseline, result, figures=arguments.figures)
+        print_lines(console, lines)
+    write_json(to_json(result), arguments.json, console)
+    return DONE if found.success else UNSAFE
+
+
+def _baseline(problem: Problem) -> Trajectory | None:
+    """Phase-plane baseline, which ignores the ZMP; None if base, start or goal is in motion."""
+    if problem.base is not None or np.any(problem.start_velocity) or np.any(problem.goal_velocity):
+        return None
+    return phase_plane(problem.machine, problem.start, problem.goal)
+
+
+def _diagnosis(found: Plan, console: Console) -> dict[str, Any]:
+    """Entries `diagnosis` and `message` of the result, for a plan without a motion."""
+    with console.status("looking for what would be possible ...") as status:
+        diagnosis = diagnose(found, progress=lambda words: status.update(f"trying {words} ..."))
+    return {
+        "diagnosis": {
+            "largest_payload": diagnosis.largest_payload,
+            "steepest_slope": diagnosis.steepest_slope,
+        },
+        "message": diagnosis.message,
+    }
+
+
+def _write(
+    folder: Path,
+    found: Plan,
+    baseline: Trajectory | None,
+    result: Mapping[str, Any],
+    *,
+    figures: bool,
+) -> Iterator[str]:
+    """Write the files of `--out` one by one; yields a line about each."""
+    (folder / "plan.json").write_text(to_json(result), encoding="utf-8")
+    yield f"wrote {folder / 'plan.json'}"
+    if not found.success:
+        return
+    found.trajectory.to_csv(folder / "trajectory.csv")
+    yield f"wrote {folder / 'trajectory.csv'}"
+    found.trajectory.to_json(folder / "trajectory.json")
+    yield f"wrote {folder / 'trajectory.json'}"
+    if figures:
+        yield from without_matplotlib(_draw(folder, found, baseline))
+
+
+def _draw(folder: Path, found: Plan, baseline: Trajectory | None) -> Iterator[str]:
+    """Draw the figures of `--out`; yields a line about each."""
+    problem = found.problem
+    loci = {} if baseline is None else {"phase plane": baseline}
+    planner = PLANNERS.get(problem.model, problem.model)
+    plot_zmp(problem, loci | {planner: found.trajectory}, folder / "zmp.png")
+    yield f"wrote {folder / 'zmp.png'}"
+    plot_joints(
+        problem.machine,
+        found.trajectory,
+        folder / "joints.png",
+        base=problem.base,
+        ground=problem.ground,
+    )
+    yield f"wrote {folder / 'joints.png'}"

@@ -1,0 +1,101 @@
+"""Machine, ground and uncertainties of a scenario, built from its tables.
+
+The tables are those of a scenario file, checked by `schema`; `zmp-sqp check` makes them of its
+options. Units are those of the keys: degrees where a key ends in _deg.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from zmp_sqp.errors import ProblemError
+from zmp_sqp.mechanics import Heightmap, Machine, Payload, Slope, SupportPolygon, load_machine
+from zmp_sqp.mechanics.uncertainty import com_box
+from zmp_sqp.planning.problem.checks import UNCERTAINTIES
+from zmp_sqp.scenario.schema import PLAN
+
+__all__ = ["DEGREES", "build_ground", "build_machine", "build_uncertainties"]
+
+DEGREES = "_deg"  # ending of keys whose values are degrees
+COM = "payload_com_uncertainty"
+
+
+def build_machine(table: Mapping[str, Any], folder: Path) -> Machine:
+    """Machine with its payload, limits and support.
+
+    Args:
+        table: The table [machine].
+        folder: Folder to which its paths are relative.
+
+    Raises:
+        MachineError: URDF, limits, support or payload cannot be used.
+    """
+    options: dict[str, Any] = {}
+    if "support" in table:
+        options["support"] = SupportPolygon(**table["support"])
+    elif "contact_links" in table:
+        options["support"] = table["contact_links"]
+    if "joint_limits" in table:
+        options["limits"] = folder / table["joint_limits"]
+    machine = load_machine(table["name"] if "name" in table else folder / table["urdf"], **options)
+    if "limits" in table:
+        machine = replace(
+            machine, limits=machine.limits.updated(table["limits"], machine.joint_names)
+        )
+    if "payload" in table:
+        machine = machine.with_payload(Payload(**table["payload"]))
+    return machine.with_point_masses() if table.get("point_masses", False) else machine
+
+
+def build_ground(table: Mapping[str, Any], folder: Path) -> Slope | Heightmap:
+    """Slope of the given roll and pitch, or heightmap.
+
+    Args:
+        table: The table [ground]; empty for level ground.
+        folder: Folder to which the heightmap's path is relative.
+
+    Raises:
+        MachineError: An angle is out of range, or the heightmap cannot be used.
+    """
+    if "heightmap" not in table:
+        return Slope(
+            **{key.removesuffix(DEGREES): np.deg2rad(angle) for key, angle in table.items()}
+        )
+    options = dict(table["heightmap"])
+    return Heightmap.from_file(folder / options.pop("file"), **options)
+
+
+def build_uncertainties(
+    table: Mapping[str, Any], *, spell: Callable[[str], str] = str
+) -> dict[str, Any]:
+    """Uncertainties as keyword arguments of `Problem`, in SI units; only those that are given.
+
+    Args:
+        table: The table [plan]; other keys in it are left out.
+        spell: Gives the name of a key in messages.
+
+    Raises:
+        ProblemError: A value is out of range; the message gives the range in the key's unit.
+    """
+    found: dict[str, Any] = {}
+    for name, *bounds in UNCERTAINTIES:
+        in_degrees = name not in PLAN.keys
+        key = f"{name}{DEGREES}" if in_degrees else name
+        if key not in table:
+            continue
+        value = table[key]
+        lower, upper = (float(np.rad2deg(bound)) if in_degrees else bound for bound in bounds)
+        if not lower <= value <= upper:
+            unit = " degrees" if in_degrees else ""
+            raise ProblemError(
+                f"{spell(key)} must lie within [{lower:.4g}, {upper:.4g}]{unit}, not {value:g}"
+            )
+        found[name] = float(np.deg2rad(value)) if in_degrees else value
+    if COM in table:
+        found[COM] = com_box(table[COM], name=spell(COM))
+    return found

@@ -1,0 +1,98 @@
+"""Results of a plan as one JSON object."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from zmp_sqp.errors import ContactLost
+from zmp_sqp.mechanics import stability_margin
+from zmp_sqp.planning import Plan, Problem, Trajectory
+from zmp_sqp.scenario import Scenario
+from zmp_sqp.show.canvas import sample_times
+from zmp_sqp.versions import installed_versions
+
+__all__ = ["RESULT_KEYS", "make_result", "plan_fields"]
+
+RESULT_KEYS = """\
+--json writes one object; SI units, null where there is no value:
+  scenario, title           name and title of the scenario
+  success, status, message  whether a motion was found; if not, why
+  duration, lower_bound     [s] no motion within the joint limits is faster than the bound
+  margin                    [m] least distance from the ZMP to an edge; negative outside
+  iterations                number of SQP iterations
+  qp_solver                 name of the QP solver, as given
+  corner                    payload and slope for which the margin is least, or empty
+  solve_time                [s] planning time
+  phase_plane               duration and margin of the phase-plane baseline, which ignores the
+                            ZMP; null if start or goal is in motion, or if the base drives
+  diagnosis                 if no motion was found: largest_payload [kg], steepest_slope [rad]
+                            for which one exists; else null
+  joints                    by name: peak_rate, rate_limit, peak_acceleration, acceleration_limit
+  versions                  of zmp-sqp, Python and the packages that the result depends on
+"""
+
+
+def plan_fields(found: Plan) -> dict[str, Any]:
+    """Outcome of a plan, ready for JSON: SI units, None where there is no value."""
+    return {
+        "success": found.success,
+        "status": found.status.name.lower(),
+        "message": found.message,
+        "duration": found.duration if found.success else None,
+        "lower_bound": found.lower_bound,
+        "margin": found.margin if found.success else None,
+        "iterations": found.iterations,
+        "qp_solver": found.qp_solver,
+    }
+
+
+def make_result(scenario: Scenario, found: Plan, baseline: Trajectory | None) -> dict[str, Any]:
+    """Object that `zmp-sqp plan --json` writes; `RESULT_KEYS` explains its keys.
+
+    Args:
+        scenario: Gives name and title.
+        found: The plan.
+        baseline: Phase-plane motion between the plan's start and goal; None if there is none.
+    """
+    return {
+        "scenario": scenario.name,
+        "title": scenario.title,
+        **plan_fields(found),
+        "corner": found.certificate.corner,
+        "solve_time": found.solve_time,
+        "phase_plane": None if baseline is None else _baseline_result(found.problem, baseline),
+        "diagnosis": None,
+        "joints": _joint_peaks(found.problem, found.trajectory) if found.success else None,
+        "versions": installed_versions(),
+    }
+
+
+def _baseline_result(problem: Problem, baseline: Trajectory) -> dict[str, float | None]:
+    """Duration [s] and sampled margin [m] of the baseline; None for the margin if it lifts off."""
+    q, v, a = baseline(np.concatenate(sample_times(baseline)))
+    try:
+        margin = float(stability_margin(problem.machine, q, v, a, problem.ground).min())
+    except ContactLost:
+        margin = None
+    return {"duration": baseline.duration, "margin": margin}
+
+
+def _joint_peaks(problem: Problem, trajectory: Trajectory) -> dict[str, dict[str, float]]:
+    """Largest rate and acceleration of every joint, beside its limits.
+
+    Accelerations are constant between nodes, so that rates peak at nodes.
+    """
+    limits = problem.machine.limits
+    columns = {
+        "peak_rate": np.abs(trajectory.velocities).max(axis=0),
+        "rate_limit": limits.velocity,
+        "peak_acceleration": np.abs(trajectory.accelerations).max(axis=0),
+        "acceleration_limit": limits.acceleration,
+    }
+    names = trajectory.joint_names
+    return {
+        name: {key: float(column[i]) for key, column in columns.items()}
+        for i, name in enumerate(names)
+    }
