@@ -178,8 +178,6 @@ def test_importing_the_package_loads_neither_plots_nor_qp_backends():
 
 LONGEST_FUNCTION = 60  # lines
 LONGER = {  # functions that may be longer, with the reason
-    "zmp_sqp.planning.search.diagnosis.diagnose": "to be split",
-    "zmp_sqp.sqp.solver.minimize": "to be split",
 }
 
 

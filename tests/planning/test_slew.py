@@ -171,7 +171,9 @@ def test_the_centre_moves_against_the_base_s_acceleration():
     moved = zmp_of_wrench(ground_reaction(machine, pose, still, still, root_acceleration=root))
     shift = moved - zs.zmp(machine, pose, still, still, LEVEL)
     np.testing.assert_allclose(shift[0], insight.centre(push) - insight.centre(), atol=ROUNDING)
-    assert insight.centre_derivative == pytest.approx((insight.centre(1.0) - insight.centre(0.0))[0])
+    assert insight.centre_derivative == pytest.approx(
+        (insight.centre(1.0) - insight.centre(0.0))[0]
+    )
     assert insight.centre(np.array([0.0, 1.0])).shape == (2, 2)
 
 

@@ -1,4 +1,31 @@
-"""Rigorous bounds on inverse dynamics and on how fast it can change, from norms alone."""
+r"""Rigorous bounds on inverse dynamics and on how fast it can change, from norms alone.
+
+With c_i the links' centres of mass and L_i their angular momenta, the ground reaction has
+
+.. math::
+    \ddot f = \sum m_i c_i^{(4)}, \quad
+    \ddot \tau = \sum m_i ((c_i - o) \times (\ddot c_i - g))'' + \dddot L_i
+
+in axes that stand still, about the root origin o, which may move. In root axes R, which turn
+with :math:`\Omega`, a vector W has
+
+.. math::
+    |(R^T W)''| = |W'' - 2 \Omega \times W' - \Omega' \times W
+                   + \Omega \times (\Omega \times W)|
+                \le |W''| + 2 |\Omega| |W'| + (|\Omega'| + |\Omega|^2) |W|
+
+The effort of joint j is the component of the force, or of the moment about the joint, that
+moves all links beyond it, along the joint's axis :math:`z_j`: a product of a unit vector fixed
+in the link before and of a vector bounded from tip to root.
+
+The norms of all derivatives follow from root to tip: a vector b fixed in a link that turns with
+w has :math:`b' = w \times b`, hence by Leibniz
+:math:`|b^{(k+1)}| \le \sum_j \binom{k}{j} |w^{(j)}| |b^{(k-j)}|`; a joint adds its axis times
+the rate to w; an inertia tensor in axes that stand still has :math:`|I'| \le 2 |w| |I|`.
+
+The first bound is the sum of the absolute values of all that inverse dynamics adds up, so that
+rounding errors are a small multiple of machine precision times it.
+"""
 
 from __future__ import annotations
 
@@ -134,31 +161,7 @@ def effort_bounds(
 ) -> tuple[EffortBound, EffortBound]:
     r"""Bounds on efforts, and on their second time derivatives, in any motion below these peaks.
 
-    With c_i the links' centres of mass and L_i their angular momenta, the ground reaction has
-
-    .. math::
-        \ddot f = \sum m_i c_i^{(4)}, \quad
-        \ddot \tau = \sum m_i ((c_i - o) \times (\ddot c_i - g))'' + \dddot L_i
-
-    in axes that stand still, about the root origin o, which may move. In root axes R, which turn
-    with :math:`\Omega`, a vector W has
-
-    .. math::
-        |(R^T W)''| = |W'' - 2 \Omega \times W' - \Omega' \times W
-                       + \Omega \times (\Omega \times W)|
-                    \le |W''| + 2 |\Omega| |W'| + (|\Omega'| + |\Omega|^2) |W|
-
-    The effort of joint j is the component of the force, or of the moment about the joint, that
-    moves all links beyond it, along the joint's axis :math:`z_j`: a product of a unit vector fixed
-    in the link before and of a vector bounded from tip to root.
-
-    The norms of all derivatives follow from root to tip: a vector b fixed in a link that turns with
-    w has :math:`b' = w \times b`, hence by Leibniz
-    :math:`|b^{(k+1)}| \le \sum_j \binom{k}{j} |w^{(j)}| |b^{(k-j)}|`; a joint adds its axis times
-    the rate to w; an inertia tensor in axes that stand still has :math:`|I'| \le 2 |w| |I|`.
-
-    The first bound is the sum of the absolute values of all that inverse dynamics adds up, so that
-    rounding errors are a small multiple of machine precision times it.
+    The module's docstring has the derivation.
 
     Args:
         machine: The machine.
