@@ -8,9 +8,12 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from zmp_sqp.arrays import Array, Indices
+from zmp_sqp.arrays import Array
+from zmp_sqp.sqp.rows import Rows
 
-__all__ = ["Basis", "Evaluation", "Linearization", "NonlinearProgram"]
+__all__ = ["Evaluation", "Linearization", "NonlinearProgram"]
+
+Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -18,11 +21,11 @@ class Evaluation:
     """Values of a nonlinear program at one point.
 
     Attributes:
-        objective: f(x).
-        tie_breaker: Small second objective phi(x) that picks one of many minimisers; the program
-            minimises f + phi.
-        equalities: c_E(x), shape (p,); feasible iff zero.
-        inequalities: c_I(x), shape (m,); feasible iff not positive.
+        objective: f, which the program minimises.
+        tie_breaker: Small second objective phi that picks one of many minimisers: f + phi is
+            minimised.
+        equalities: Shape (p,); feasible iff zero.
+        inequalities: Shape (m,), the nonlinear ones first; feasible iff not positive.
     """
 
     objective: float
@@ -38,73 +41,97 @@ class Evaluation:
 
     def is_finite(self) -> bool:
         """Whether the program could be evaluated here."""
-        parts = (self.equalities, self.inequalities)
-        return bool(np.isfinite(self.objective + self.tie_breaker)) and all(
-            bool(np.isfinite(part).all()) for part in parts
-        )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Basis:
-    r"""Null-space basis of the first equalities (the shooting gaps): condensing, Bock and Plitt 1984.
-
-    .. math:: A_{1..e}\, dx = -c_{1..e} \iff dx = d + Z\, dx_{free}
-
-    Attributes:
-        Z: Shape (n, r); an array, or what has its products with arrays.
-        d: Particular solution that closes the gaps, shape (n,).
-        free: Indices of the r free variables (controls and final time), at which Z is the identity
-            and d is zero, shape (r,); empty if there are no such variables, because the basis ties
-            controls to each other.
-        eliminated: How many equalities, from the first on, this basis satisfies.
-    """
-
-    Z: Any
-    d: Array
-    free: Indices
-    eliminated: int
+        parts = (self.objective + self.tie_breaker, self.equalities.sum(), self.inequalities.sum())
+        return bool(np.isfinite(parts).all())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Linearization:
-    """First-order expansion of a nonlinear program.
+    """First-order expansion of a nonlinear program, by the variables of its quadratic programs.
 
     Attributes:
         at: The values at the point.
-        gradient: Of the objective, shape (n,).
-        tie_gradient: Of the tie breaker, shape (n,).
-        A: Jacobian of the equalities, CSR, shape (p, n).
-        C: Jacobian of the inequalities, CSR, shape (m, n).
-        basis: For condensing; None if there is nothing to condense.
+        gradient: Of objective and tie breaker, shape (n,).
+        A: Jacobian of the equalities, CSC, shape (p, n); None if there are none.
+        C: Jacobian of the inequalities, shape (m, n).
+        memory: What the program keeps for its Hessian.
     """
 
     at: Evaluation
     gradient: Array
-    tie_gradient: Array
     A: Any
-    C: Any
-    basis: Basis | None
+    C: Rows
+    memory: Any
 
 
 class NonlinearProgram(Protocol):
-    r"""A program :math:`\min f(x) + \varphi(x)` subject to :math:`c_E(x) = 0, \; c_I(x) \le 0`."""
+    r"""A program :math:`\min f + \varphi` subject to :math:`c_E = 0, \; c_I \le 0`.
+
+    Points are values of the program's own: the SQP moves from one to the next by steps d of n
+    variables, and never looks inside. The first `nonlinear` inequalities are the nonlinear ones;
+    only those are relaxed where a quadratic program has no solution.
+    """
 
     @property
-    def nonlinear_rows(self) -> npt.NDArray[np.bool_]:
-        """Which inequalities are nonlinear, shape (m,): only those are relaxed when a QP has no solution."""
+    def size(self) -> int:
+        """Number n of variables of a step."""
 
-    def evaluate(self, x: Array) -> Evaluation:
-        """Values at x."""
+    @property
+    def inequalities(self) -> int:
+        """Number m of inequalities."""
 
-    def linearize(self, x: Array) -> Linearization:
-        """Values and first derivatives at x."""
+    @property
+    def nonlinear(self) -> int:
+        """How many of the inequalities, from the first on, are nonlinear."""
 
-    def hessian(self, x: Array, y: Array, z: Array, *, convex: bool) -> Any:
-        """Hessian of the Lagrangian f + phi + y.c_E + z.c_I, CSR, shape (n, n).
+    @property
+    def equalities(self) -> int:
+        """Number p of equalities."""
 
-        `y` belongs to the equalities that no basis eliminates. With `convex` its blocks are clipped
-        to positive semi-definite ones one by one; without, it is exact and in general indefinite.
+    @property
+    def tolerance(self) -> Array:
+        """Largest violation of each inequality at a solution, shape (m,)."""
+
+    def evaluate(self, point: Any) -> Evaluation:
+        """Values at a point."""
+
+    def linearize(self, point: Any) -> Linearization:
+        """Values and first derivatives at a point."""
+
+    def hessian(
+        self, lin: Linearization, y: Array, z: Array, *, clipped: float, damping: float
+    ) -> Any:
+        """Hessian of the Lagrangian f + phi + y.c_E + z.c_I, upper triangle, CSC, shape (n, n).
+
+        Args:
+            lin: The expansion at the point.
+            y, z: Multipliers of equalities and inequalities.
+            clipped: Share of negative curvature that is taken away: with 1 the matrix is positive
+                semi-definite, with 0 it is exact.
+            damping: Added curvature of all variables but the objective's own.
         """
 
-    def optimality_gap(self, x: Array) -> float:
-        """Proven bound on how far f(x), without tie breaker, is from the optimum, relative; infinite if unknown."""
+    def moved(self, lin: Linearization, point: Any, step: Array) -> Any:
+        """The point after a step d, shape (n,)."""
+
+    def decisive(self, point: Any, *, early: bool) -> Mask:
+        """Rows, shape (m,), that take part in quadratic programs far from feasibility.
+
+        Args:
+            point: The point.
+            early: Whether it is one of the first iterations.
+        """
+
+    def excess(self, point: Any, lin: Linearization, *, fine: bool) -> Array | None:
+        """What nonlinear rows exceed their values by between the places they are imposed at.
+
+        Shape (nonlinear,), not negative; None if there is no between.
+
+        Args:
+            point: The point.
+            lin: The expansion there.
+            fine: Whether to look closely.
+        """
+
+    def optimality_gap(self, point: Any) -> float:
+        """Proven bound on how far f is above its optimum, relative; infinite if unknown."""

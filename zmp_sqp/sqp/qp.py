@@ -15,18 +15,17 @@ __all__ = ["QP", "QPSolution"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class QP:
-    r"""Convex quadratic program in ProxQP's letters.
+    r"""Convex quadratic program with sparse matrices.
 
-    .. math:: \min_x \tfrac12 x^T H x + g^T x \quad \text{s.t.} \quad A x = b, \; l \le C x \le u
+    .. math:: \min_x \tfrac12 x^T H x + g^T x \quad \text{s.t.} \quad A x = b, \; C x \le u
 
     Attributes:
-        H: Symmetric positive semi-definite, shape (n, n), dense or CSC.
+        H: Upper triangle of a symmetric matrix, CSC, shape (n, n).
         g: Shape (n,).
-        A: Shape (p, n), dense or CSC.
+        A: CSC, shape (p, n); None without equalities.
         b: Shape (p,).
-        C: Shape (m, n), dense or CSC.
-        l: Lower sides, shape (m,); -inf where a row has none.
-        u: Upper sides, shape (m,); +inf where a row has none.
+        C: CSC, shape (m, n).
+        u: Shape (m,).
     """
 
     H: Any
@@ -34,7 +33,6 @@ class QP:
     A: Any
     b: Array
     C: Any
-    l: Array  # noqa: E741 - ProxQP's letter
     u: Array
 
     @property
@@ -42,24 +40,42 @@ class QP:
         """Number n of variables."""
         return len(self.g)
 
-    @property
-    def is_sparse(self) -> bool:
-        """Whether the matrices are SciPy sparse matrices."""
-        return bool(sp.issparse(self.C))
-
     def is_finite(self) -> bool:
-        """Whether no NaN, no infinity where none belongs and no lower side above its upper one stands in the data.
+        """Whether no NaN and no infinity stands in the data.
 
-        Backends ask before they solve: ProxQP and PIQP do not check, and run to their caps or
-            worse.
+        Backends ask before they solve: some do not check, and run to their caps or worse.
         """
-        matrices = [self.H, self.A, self.C]
-        entries = [matrix.data if sp.issparse(matrix) else matrix for matrix in matrices]
-        sides_ordered = bool(np.all(self.l <= self.u))  # False with NaN
-        # a sum is finite only if all entries are, and five times as fast to look at
-        return sides_ordered and all(
-            bool(np.isfinite(np.sum(array))) for array in (*entries, self.g, self.b)
-        )
+        parts = [self.H.data, self.C.data, self.g, self.b, self.u]
+        if self.A is not None:
+            parts.append(self.A.data)
+        # a sum is finite only if all entries are, and faster to look at
+        return all(bool(np.isfinite(part.sum())) for part in parts)
+
+    def dense(self) -> tuple[Array, Array, Array]:
+        """H in full, A and C as arrays, for solvers of dense quadratic programs."""
+        upper = self.H.toarray()
+        H = upper + upper.T - np.diag(np.diag(upper))
+        A = np.zeros((0, self.size)) if self.A is None else self.A.toarray()
+        return H, np.ascontiguousarray(A), np.ascontiguousarray(self.C.toarray())
+
+    def relaxed(self, nonlinear: Array, price: float) -> QP:
+        """With one more variable t >= 0 that relaxes some rows at a price.
+
+        Args:
+            nonlinear: Which rows are relaxed, mask of shape (m,).
+            price: Of t.
+        """
+        H = sp.block_diag([self.H, sp.csc_matrix([[SLACK_CURVATURE]])], format="csc")
+        A = self.A
+        if A is not None:
+            A = sp.hstack([A, sp.csc_matrix((A.shape[0], 1))], format="csc")
+        column = sp.csc_matrix(-nonlinear.astype(float)[:, None])
+        last = sp.csc_matrix(([-1.0], ([0], [self.size])), shape=(1, self.size + 1))
+        C = sp.vstack([sp.hstack([self.C, column]), last], format="csc")
+        return QP(H, np.append(self.g, price), A, self.b, C, np.append(self.u, 0.0))
+
+
+SLACK_CURVATURE = 1e-8  # keeps the relaxed program's Hessian positive definite
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,7 +85,7 @@ class QPSolution:
     Attributes:
         x: Minimiser, shape (n,).
         y: Multipliers of A x = b, shape (p,).
-        z: Multipliers of l <= C x <= u, positive at the upper side, shape (m,).
+        z: Multipliers of C x <= u, not negative, shape (m,).
         solved: Whether the backend says that it converged.
         iterations: Inner iterations of the backend.
         backend: Its name.
@@ -83,42 +99,35 @@ class QPSolution:
     backend: str
 
     @classmethod
-    def nothing(cls, qp: QP, backend: str) -> QPSolution:
-        """What a backend answers when it has nothing to offer: not finite, so that its residuals are infinite."""
-        return cls(
-            np.full(qp.size, np.nan),
-            np.full(len(qp.b), np.nan),
-            np.full(len(qp.u), np.nan),
-            False,
-            0,
-            backend,
-        )
+    def nothing(cls, qp: QP, backend: str, iterations: int = 0) -> QPSolution:
+        """What a backend answers when it has nothing to offer: not finite."""
+        parts = (np.full(count, np.nan) for count in (qp.size, len(qp.b), len(qp.u)))
+        return cls(*parts, False, iterations, backend)
+
+    def is_finite(self) -> bool:
+        """Whether all of it are numbers."""
+        return bool(np.isfinite(self.x.sum() + self.y.sum() + self.z.sum()))
 
     def residuals(self, qp: QP) -> tuple[float, float]:
         r"""Primal and dual residuals, independent of what the backend reports.
 
         .. math::
-            r_p = \max(\|A x - b\|_\infty, \|(C x - u)^+\|_\infty, \|(l - C x)^+\|_\infty), \quad
-            r_d = \max(\|H x + g + A^T y + C^T z\|_\infty, \text{largest complementarity product})
+            r_p = \max(\|A x - b\|_\infty, \|(C x - u)^+\|_\infty), \quad
+            r_d = \max(\|H x + g + A^T y + C^T z\|_\infty,
+                       \text{largest } \min(|z_i|, |u_i - (C x)_i|))
 
         Returns:
             (primal, dual); infinite where the solution is not finite.
         """
-        if not (
-            np.isfinite(self.x).all() and np.isfinite(self.y).all() and np.isfinite(self.z).all()
-        ):
+        if not self.is_finite():
             return np.inf, np.inf
-        rows = qp.C @ self.x
-        above, below = rows - qp.u, qp.l - rows
-        primal = max(_largest(np.abs(qp.A @ self.x - qp.b)), _largest(above), _largest(below))
-        stationarity = np.abs(qp.H @ self.x + qp.g + qp.A.T @ self.y + qp.C.T @ self.z)
-        slack = np.where(self.z > 0.0, -above, np.where(self.z < 0.0, -below, 0.0))
-        return primal, max(
-            _largest(stationarity), _largest(np.abs(np.minimum(np.abs(slack), np.abs(self.z))))
-        )
-
-
-def _largest(values: Array) -> float:
-    if np.isnan(values).any():  # a comparison would lose it
-        return np.inf
-    return float(values.max(initial=0.0))
+        above = qp.C @ self.x - qp.u
+        H_x = qp.H @ self.x + qp.H.T @ self.x - qp.H.diagonal() * self.x
+        stationarity = H_x + qp.g + qp.C.T @ self.z
+        primal = max(float(above.max(initial=0.0)), 0.0)
+        if qp.A is not None:
+            stationarity = stationarity + qp.A.T @ self.y
+            primal = max(primal, float(np.abs(qp.A @ self.x - qp.b).max(initial=0.0)))
+        slack = np.minimum(np.abs(above), np.abs(self.z))
+        dual = max(float(np.abs(stationarity).max(initial=0.0)), float(slack.max(initial=0.0)))
+        return primal, max(dual, float((-self.z).max(initial=0.0)))

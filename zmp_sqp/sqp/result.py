@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
+from typing import Any
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.sqp.nlp import Evaluation
@@ -14,10 +15,11 @@ __all__ = ["IterationRecord", "SQPResult", "SQPStatus"]
 class SQPStatus(enum.Enum):
     """Why the SQP stopped."""
 
-    OPTIMAL = "feasible, and no first-order change lowers the objective"
+    OPTIMAL = "feasible, and the objective has stopped falling"
     BOUND_REACHED = "feasible, and the objective stands at its proven lower bound"
     FEASIBLE = "feasible, but progress stopped before optimality was shown"
-    INFEASIBLE = "stationary point of the constraint violation: no feasible point nearby"
+    COARSE = "near enough to a solution to go on with a finer program"
+    INFEASIBLE = "steps that weigh the violation above all no longer lower it"
     STALLED = "steps became too short before the constraints were met"
     QP_FAILED = "no backend solved a QP, not even the relaxed one"
     ITERATION_LIMIT = "the iteration limit was reached before the constraints were met"
@@ -36,10 +38,9 @@ class IterationRecord:
 
     Attributes:
         iteration: Counted from 1.
-        backend: Which one solved the QP in the end; "name+fallback" is never hidden: a fallback
-            shows here.
-        inner_iterations: Of all backends and rounds.
-        rows: Inequalities in the last working set.
+        backend: Which one solved the QP.
+        inner_iterations: Of all QPs of the iteration.
+        rows: Inequalities that took part in the last QP.
         relaxed: Whether the QP had to be relaxed.
         curvature: Whether the curvature of the constraints was in the Hessian.
         corrected: Whether the accepted step is a second-order correction.
@@ -67,17 +68,19 @@ class SQPResult:
     """Last iterate with its multipliers.
 
     Attributes:
-        x: The point.
-        y: Multipliers of the equalities that no basis eliminates.
+        point: The program's own value.
+        y: Multipliers of the equalities.
         z: Multipliers of the inequalities.
+        excess: What was added to the nonlinear inequalities, or None.
         status: Why the run stopped.
-        at: Values at x.
+        at: Values at the point, without `excess`.
         history: One record per iteration.
     """
 
-    x: Array
+    point: Any
     y: Array
     z: Array
+    excess: Array | None
     status: SQPStatus
     at: Evaluation
     history: tuple[IterationRecord, ...]

@@ -1,38 +1,54 @@
-"""The SQP: line search on an exact penalty, second-order correction, relaxation, convexified exact curvature."""
+"""The SQP: clipped exact curvature, screened sparse programs, line search, practical stop."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
-import scipy.sparse as sp
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.sqp.backends import QPBackend
-from zmp_sqp.sqp.curvature import convexified
-from zmp_sqp.sqp.merit import Merit
+from zmp_sqp.sqp.direction import Direction, Subproblem
+from zmp_sqp.sqp.iterate import CurvatureModel, Iterate, Relaxation, is_feasible
 from zmp_sqp.sqp.nlp import Evaluation, Linearization, NonlinearProgram
-from zmp_sqp.sqp.progress import LEAST_DAMPING, creeps, kkt_error, next_damping, nonlinear_weight
-from zmp_sqp.sqp.restoration import CONTRACTION, restored
 from zmp_sqp.sqp.result import IterationRecord, SQPResult, SQPStatus
-from zmp_sqp.sqp.subproblem import Model, Multipliers, Step, Subproblem
 
 __all__ = ["SQP", "SQPSettings"]
 
 ARMIJO_SLOPE = 1e-4  # Nocedal & Wright 2006, eq. (3.4)
 SHORTEST_STEP = 1e-3
-# of a refused step, while each halves the violation (as in IPOPT, Waechter & Biegler 2006)
-MOST_CORRECTIONS = 4
-RELAXATION_GROWTH = 10.0  # of rho, when the relaxed QP keeps a slack
-LEAST_RELAXATION, LARGEST_RELAXATION = 10.0, 1e5
-# free variables up to which a backend for sparse QPs gets curved ones condensed
-MOST_CONDENSED = 600
-LARGEST_DAMPING = 1e3  # steps that are refused in spite of it end the run
-# likewise QPs that fail: a flat model has steps too long for a QP solver's digits
-LARGEST_QP_DAMPING = 1.0
-ROUNDING = 1e-11  # of the merit function, relative: differences below it are noise
+MOST_CORRECTIONS = 2  # of a refused step, while each halves the violation
+ROUNDING = 1e-11  # of the merit function, relative: differences below are noise
+WRONG_WAY = 1e-6  # predicted increase of the merit function that a step of a clipped model may have
+CURVED = 1e-4  # least sum of multipliers for which curvature counts
+# clipping of negative curvature: whole for the first iterations and far from feasibility, then less
+# and less while steps are full; all curvature is kept where steps creep
+WHOLLY_CLIPPED = 2  # iterations
+CLIPPED_ABOVE = 0.2  # violation
+LEAST_CLIPPED = 0.3
+LEAST_CLIPPED_LATER = 0.1  # after a step that was refused or hard to find
+CREEPING = 3e-3  # change of the objective below which a step that halves no change creeps
+HELD = 2  # steps for which the share stays after it went back to one
+INNER, INNER_CONVEX = 30, 60  # iterations of an interior-point method: more mean indefiniteness
+HARD = 28  # inner iterations of a program that was hard to solve
+# screening: rows nearer to their bound than this, and what the last step moved them by, take part
+NEAR = 0.05
+FIRST_NEAR = 0.1
+RELAXED_NEAR = 0.5
+DECISIVE_ABOVE = 3e-4  # violation from which on the program's decisive rows take part
+# tolerance of quadratic programs: a share of the violation within bounds
+QP_SHARE, LEAST_TOLERANCE, LARGEST_TOLERANCE = 1e-3, 1e-8, 1e-4
+LARGEST_DAMPING, LARGEST_QP_DAMPING = 1e2, 10.0
+LARGEST_PRICE = 1e5
+# infeasible: over so many relaxed steps the violation has not fallen below this share of itself
+PATIENCE, PATIENCE_SHARE, PATIENCE_VIOLATION = 3, 0.9, 1e-3
+DEAR = 300.0  # price at which even a far slower motion would be found if it were less violated
+LEFT = 1e-3  # of the violation: a smaller slack counts as none
+LEAST_OBJECTIVE = 1e-8
+EXCESS_FACTOR, EXCESS_GUARD = 1.05, 2e-6  # by which lagged excess is exaggerated
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,22 +56,27 @@ class SQPSettings:
     """When to stop and what to spend.
 
     Attributes:
-        feasibility: Largest constraint violation of a solution.
-        optimality: Largest predicted decrease of the objective at a solution, and largest
-            Lagrangian gradient (1-norm).
-        max_iterations: QPs at most.
-        curvature_from: Least sum of multipliers of nonlinear rows for which their curvature is
-            computed.
-        floor: Least eigenvalue of the convexified Hessian.
-        deadline: `time.perf_counter()` value after which no new QP of the SQP's own starts; None
-            for none.
+        optimality: Largest predicted decrease of the objective at a solution.
+        converged: Relative change of the objective's square root by a full step that ends the run.
+        closable: Largest violation that one finishing step closes.
+        coarse: Violation with which the run may end as COARSE; 0 asks for a solution.
+        excess_from: Change below which what rows exceed between their places is added to them; 0
+            never.
+        equality: Largest violation of an equality at a solution.
+        max_iterations: Steps at most.
+        resumed: Whether the start is near a solution, so that no curvature is clipped at first and
+            rows are screened at once.
+        deadline: `time.perf_counter()` value after which no new step starts; None for none.
     """
 
-    feasibility: float = 2e-7
-    optimality: float = 2e-7
-    max_iterations: int = 100
-    curvature_from: float = 1e-4
-    floor: float = 1e-8
+    optimality: float = 1e-6
+    converged: float = 5e-5
+    closable: float = 3e-3
+    coarse: float = 0.0
+    excess_from: float = 5e-4
+    equality: float = 2e-7
+    max_iterations: int = 60
+    resumed: bool = False
     deadline: float | None = None
 
 
@@ -63,325 +84,435 @@ class SQPSettings:
 class SQP:
     r"""Sequential quadratic programming with a line search.
 
-    Each iteration solves the QP of the linearised constraints and a convex model of the Lagrangian,
-    then backtracks on an exact penalty function (`Merit`) until Armijo's condition holds.
+    Each step solves the quadratic program of the linearised constraints and of a model of the
+    Lagrangian, then backtracks on an exact penalty function (`Penalty`) until Armijo's condition
+    holds (Han 1977; Nocedal & Wright 2006, chapter 18).
 
-    * Globalisation: weights above the multipliers' dual norms make the QP step a descent direction
-      of the penalty, so limit points are Karush-Kuhn-Tucker points or stationary points of the
-      violation (Han 1977; Nocedal & Wright 2006, chapter 18).
-    * Second-order correction: a full step that is refused while it raises the violation is
-      corrected with the constraints' values at its end, up to four times while each halves it,
-      which undoes the Maratos effect.
-    * Curvature: the exact Hessian of the Lagrangian, convexified in the null space of the active
-      rows (`convexified`), computed only where multipliers of nonlinear rows make it count
-      (equalities: of those whose gradients change).
-    * A QP without solution is solved again with a slack on its nonlinear rows; if the slack stays
-      although its price has grown by orders of magnitude, the point is a stationary point of the
-      violation: INFEASIBLE.
-    * Damping: after a short step the model's least curvature is raised tenfold, after full steps it
-      fades (Levenberg and Marquardt's way to a trust region). It bounds steps along directions in
-      which minimum time is all but flat.
-    * A step that is refused to its shortest length is tried once more without curvature, then
-      relaxed and with damping (the relaxed QP weighs feasibility against the length of the step); a
-      QP that fails even when relaxed is damped, too. Then the run ends. It also ends where ten
-      feasible steps have lowered the objective by less than a millionth.
-    * While the objective stands at its proven bound, any feasible point is as good as another, so
-      the tie breaker is left out, steps are the shortest ones that meet the linearised constraints,
-      and a full step that leaves less than a third of the largest violation is taken: violations
-      fall geometrically as long as that goes on.
-    * It stops at a feasible point when the objective stands at its proven bound, when the
-      Lagrangian's gradient and the complementarity products vanish, or when the QP predicts no
-      decrease; never because steps are short: minimum time leaves joints with slack undetermined.
+    * Curvature is exact but for a share of the negative part, which is taken away block by block
+      (`CurvatureModel`). The share falls while steps are full. Where the program proves not to be
+      convex enough, all of the negative part goes.
+    * A full step that is refused while it raises the violation is corrected with the constraints'
+      values at its end, which undoes the Maratos effect.
+    * A program without solution is solved with a slack on its nonlinear rows. If relaxed steps no
+      longer lower the violation, at a price at which even a far slower point would be found, the
+      run ends: INFEASIBLE.
+    * What nonlinear rows exceed their values by between the places they are imposed at is added to
+      them late in the run, with a lag of one step.
+    * Near the optimum the run ends when a full step changes the objective's square root by less
+      than `converged`. What is still violated is closed by one finishing step without curvature.
+      At once it ends where the objective stands at its proven bound, or where no decrease is
+      predicted.
+
+    Attributes:
+        backend: Solves quadratic programs.
+        fallback: Asked where the backend does not solve one; None for nobody.
+        settings: When to stop.
+        report: Called after every iteration with its record.
     """
 
     backend: QPBackend
     fallback: QPBackend | None = None
     settings: SQPSettings = field(default_factory=SQPSettings)
     report: Callable[[IterationRecord], None] | None = None
+    _history: list[IterationRecord] = field(default_factory=list)
+    _started: float = 0.0
 
-    def minimize(self, nlp: NonlinearProgram, x: Array) -> SQPResult:
-        """Local minimiser of the program from an initial guess that need not be feasible.
+    def minimize(
+        self,
+        program: NonlinearProgram,
+        point: Any,
+        *,
+        y: Array | None = None,
+        z: Array | None = None,
+        excess: Array | None = None,
+    ) -> SQPResult:
+        """Local minimiser from a point that need not be feasible.
 
         Args:
-            nlp: The program.
-            x: Initial guess, shape (n,).
+            program: The program.
+            point: Initial guess.
+            y, z: Multipliers of equalities and inequalities, from a nearby solution; None for none.
+            excess: What was added to the nonlinear rows there; None for nothing.
 
         Returns:
-            Last iterate; `status.is_feasible` says whether it satisfies the constraints.
+            The solution, or the last iterate; `status.is_feasible` says whether it satisfies the
+            constraints.
         """
-        started = time.perf_counter()
-        settings, history = self.settings, list[IterationRecord]()
-        lin = nlp.linearize(x)
-        nonlinear = nlp.nonlinear_rows
-        merit = Merit(nonlinear)
-        y, z = np.zeros(len(lin.at.equalities)), np.zeros(len(lin.at.inequalities))
-        if lin.basis is not None:
-            y = y[lin.basis.eliminated :]
-        if not lin.at.is_finite():
-            return SQPResult(x, y, z, SQPStatus.NOT_FINITE, lin.at, ())
+        iterate = self.init(program, point, y=y, z=z, excess=excess)
+        best: Iterate | None = None
+        while (status := self.terminate(iterate)) is None:
+            iterate = self.step(program, iterate)
+            if iterate.is_feasible(program.tolerance, self.settings.equality):
+                best = iterate
+        if best is not None and not status.is_feasible and status is not SQPStatus.COARSE:
+            status = SQPStatus.FEASIBLE
+            if not iterate.is_feasible(program.tolerance, self.settings.equality):
+                iterate = best
+        at = _without(iterate.lin.at, iterate.excess)
+        history = tuple(self._history)
+        return SQPResult(iterate.point, iterate.y, iterate.z, iterate.excess, status, at, history)
 
-        last_feasible: tuple[Array, Array, Array, Evaluation] | None = None
-
-        def record(
-            backend: str,
-            *,
-            inner: int,
-            rows: int,
-            length: float,
-            relaxed: bool = False,
-            curvature: bool = False,
-            corrected: bool = False,
-        ) -> None:
-            entry = IterationRecord(
-                iteration=len(history) + 1,
-                backend=backend,
-                inner_iterations=inner,
-                rows=rows,
-                relaxed=relaxed,
-                curvature=curvature,
-                corrected=corrected,
-                objective=lin.at.objective,
-                violation=lin.at.violation,
-                step=length,
-                time=time.perf_counter() - started,
-            )
-            history.append(entry)
-            if self.report is not None:
-                self.report(entry)
-
-        def late() -> bool:
-            return settings.deadline is not None and time.perf_counter() > settings.deadline
-
-        def finish(status: SQPStatus) -> SQPResult:
-            if last_feasible is None:
-                return SQPResult(x, y, z, status, lin.at, tuple(history))
-            if not status.is_feasible:
-                status = SQPStatus.FEASIBLE
-            here = (x, y, z, lin.at) if lin.at.violation <= settings.feasibility else last_feasible
-            return SQPResult(*here[:3], status, here[3], tuple(history))
-
-        damping, refused, undamped = 0.0, False, False
-        previous_gradients: Array | None = None
-        while True:
-            if lin.at.violation <= settings.feasibility:
-                last_feasible = x, y, z, lin.at
-                if nlp.optimality_gap(x) <= settings.optimality:
-                    return finish(SQPStatus.BOUND_REACHED)
-                if history and kkt_error(lin, y, z) <= settings.optimality:
-                    return finish(SQPStatus.OPTIMAL)
-            if len(history) >= settings.max_iterations:
-                return finish(SQPStatus.ITERATION_LIMIT)
-            if late():
-                return finish(SQPStatus.TIME_LIMIT)
-            if last_feasible is not None and creeps(history, settings.feasibility):
-                return finish(SQPStatus.FEASIBLE)
-            merit.breaks_ties = nlp.optimality_gap(x) > settings.optimality
-            if not merit.breaks_ties and history:
-                back = restored(
-                    nlp, x, lin, z, feasibility=settings.feasibility, optimality=settings.optimality
-                )
-                if back is not None:
-                    x, lin = back
-                    record("restoration", inner=0, rows=int((z > 0.0).sum()), length=1.0)
-                    continue
-            subproblem = Subproblem(
-                lin, nonlinear, self.backend, self.fallback, restoring=not merit.breaks_ties
-            )
-            gradients = subproblem.equality_gradients
-            weight = float(z[nonlinear].sum())
-            if previous_gradients is not None:
-                weight += nonlinear_weight(y, gradients, previous_gradients)
-            curved = merit.breaks_ties and weight > settings.curvature_from
-            accepted, stationary = None, False
-            for curvature in (True, False) if curved else (False,):
-                if late():
-                    return finish(SQPStatus.TIME_LIMIT)
-                model = self._model(
-                    nlp,
-                    x,
-                    y,
-                    z,
-                    subproblem,
-                    merit.gradient(lin),
-                    curvature=curvature,
-                    damping=damping,
-                )
-                step = self._step(subproblem, model, (y, z), merit, elastic=refused)
-                if not step.solved:
-                    continue
-                stationary = self._is_stationary(lin, step, merit)
-                if stationary:
-                    if damping > 0.0:  # it may be the damping that keeps the step short
-                        break
-                    y, z = step.y, step.z
-                    infeasible = lin.at.violation > settings.feasibility
-                    return finish(SQPStatus.INFEASIBLE if infeasible else SQPStatus.OPTIMAL)
-                accepted = self._search(nlp, x, lin, step, merit, subproblem, model)
-                if accepted is not None:
-                    break
-            if accepted is None:
-                if late():
-                    return finish(SQPStatus.TIME_LIMIT)
-                if step.solved and stationary:
-                    if undamped:  # at this point already: it would go round in circles
-                        return finish(SQPStatus.STALLED)
-                    damping, refused, undamped = 0.0, False, True
-                    continue
-                refused = step.solved and bool(nonlinear.any())
-                damping = max(10.0 * damping, LEAST_DAMPING)
-                if last_feasible is not None or damping > (
-                    LARGEST_DAMPING if step.solved else LARGEST_QP_DAMPING
-                ):
-                    return finish(SQPStatus.STALLED if step.solved else SQPStatus.QP_FAILED)
-                continue
-            previous_gradients = gradients
-            x, lin, length, corrected = accepted
-            damping, refused, undamped = next_damping(damping, length), False, False
-            y, z = step.y, step.z
-            record(
-                step.backend,
-                inner=step.inner_iterations,
-                rows=step.rows,
-                length=length,
-                curvature=curvature,
-                relaxed=step.relaxation > settings.feasibility,
-                corrected=corrected,
-            )
-
-    def _model(
+    def init(
         self,
-        nlp: NonlinearProgram,
-        x: Array,
-        y: Array,
-        z: Array,
-        subproblem: Subproblem,
-        gradient: Array,
+        program: NonlinearProgram,
+        point: Any,
         *,
-        curvature: bool,
-        damping: float,
-    ) -> Model:
-        """Convex model: of the objective alone, or with the constraints' curvature."""
-        sparse = subproblem.prefers_whole and not (curvature and subproblem.size <= MOST_CONDENSED)
-        weight = 1.0 if curvature else 0.0
-        H = nlp.hessian(x, weight * y, weight * z, convex=sparse or not curvature)
-        damped = H + damping * sp.eye_array(H.shape[0], format="csr") if damping > 0.0 else H
-        if sparse:
-            return Model(gradient, gradient, None, damped)
-        condensed, g = subproblem.condensed_model(H, gradient)
-        floor = max(self.settings.floor, damping)
-        if not curvature:
-            return Model(gradient, g, condensed + floor * np.eye(len(condensed)), damped)
-        return Model(
-            gradient, g, convexified(condensed, subproblem.active_rows(z), floor=floor), None
-        )
+        y: Array | None = None,
+        z: Array | None = None,
+        excess: Array | None = None,
+    ) -> Iterate:
+        """First iterate; arguments as in `minimize`."""
+        self._history, self._started = [], time.perf_counter()
+        lin = _with(program.linearize(point), excess)
+        y = np.zeros(program.equalities) if y is None else y
+        z = np.zeros(program.inequalities) if z is None else z
+        verdict = None if lin.at.is_finite() else SQPStatus.NOT_FINITE
+        return Iterate(point, lin, y, z, excess, verdict=verdict)
 
-    def _step(
-        self,
-        subproblem: Subproblem,
-        model: Model,
-        previous: Multipliers,
-        merit: Merit,
-        *,
-        elastic: bool,
-    ) -> Step:
-        """Step of the QP, relaxed if it has no solution at a sane price, with penalty weights raised to multipliers."""
-        if not elastic:
-            step = subproblem.solve(model, previous=previous)
-            if step.solved and step.z[merit.nonlinear].sum() <= LARGEST_RELAXATION:
-                merit.raise_weights(step)
-                return step
-        # the model's curvature is that of the last multipliers: no higher; and nu outgrows each rho
-        # that it is paid
-        rho = min(max(LEAST_RELAXATION, merit.nu), LARGEST_RELAXATION)
-        while True:
-            step = subproblem.solve(model, previous=previous, relaxation_weight=rho)
-            if (
-                not step.solved
-                or step.relaxation <= self.settings.feasibility
-                or rho >= LARGEST_RELAXATION
+    def terminate(self, iterate: Iterate) -> SQPStatus | None:
+        """Why the run ends at an iterate; None if it goes on."""
+        if iterate.verdict is not None:
+            return iterate.verdict
+        deadline = self.settings.deadline
+        if deadline is not None and time.perf_counter() > deadline:
+            return SQPStatus.TIME_LIMIT
+        if iterate.number >= self.settings.max_iterations:
+            return SQPStatus.ITERATION_LIMIT
+        return None
+
+    def step(self, program: NonlinearProgram, iterate: Iterate) -> Iterate:
+        """Next iterate: a new point, or the same one with another model of the program."""
+        clipped = self._clipped(iterate)
+        subproblem = self._subproblem(program, iterate, clipped)
+        relaxed, direction = iterate.relaxation.active, None
+        if not relaxed:
+            inner = INNER if clipped < 1.0 else INNER_CONVEX
+            direction = subproblem.solve(iterations=inner)
+            if clipped < 1.0 and (
+                direction is None or self._decrease(program, iterate, direction) < -WRONG_WAY
             ):
-                break
-            current = float(
-                np.maximum(subproblem.lin.at.inequalities[merit.nonlinear], 0.0).max(initial=0.0)
-            )
-            if step.relaxation <= 0.9 * current:  # it makes progress at this price
-                break
-            rho *= RELAXATION_GROWTH
-        if step.solved:
-            merit.raise_weights(step)
-            merit.nu = max(
-                merit.nu, rho if step.relaxation > self.settings.feasibility else merit.nu
-            )
-        return step
+                model = replace(iterate.model, clipped=1.0, held=HELD)
+                return self._stay(iterate, subproblem, replace(iterate, model=model))
+        if direction is None:
+            relaxed = True
+            price = min(max(iterate.relaxation.price, iterate.penalty.nonlinear), LARGEST_PRICE)
+            subproblem.keep |= iterate.lin.at.inequalities > -RELAXED_NEAR
+            direction = subproblem.solve_relaxed(program.nonlinear, price)
+        if direction is None:
+            failed = iterate.model.damping > LARGEST_QP_DAMPING
+            verdict = SQPStatus.QP_FAILED if failed else None
+            damped = replace(iterate, model=iterate.model.damped(), verdict=verdict)
+            return self._stay(iterate, subproblem, damped)
+        penalty = iterate.penalty.raised(direction.y, direction.z, program.nonlinear)
+        iterate = replace(iterate, penalty=penalty)
+        if self._is_stationary(program, iterate, direction):
+            done = replace(iterate, y=direction.y, z=direction.z, verdict=SQPStatus.OPTIMAL)
+            return self._stay(iterate, subproblem, done, direction)
+        found = self._search(program, iterate, direction, subproblem, relaxed=relaxed)
+        if found is None:
+            return self._refused(program, iterate, subproblem, direction)
+        return self._advance(program, iterate, direction, found, subproblem, relaxed=relaxed)
 
-    def _is_stationary(self, lin: Linearization, step: Step, merit: Merit) -> bool:
-        decrease = merit.predicted_decrease(lin, step.dx)
-        if lin.at.violation <= self.settings.feasibility:
-            return decrease <= self.settings.optimality
-        return (
-            step.relaxation > self.settings.feasibility
-            and decrease <= merit.nu * self.settings.feasibility
-        )
+    # --- the model --------------------------------------------------------------------------
+
+    def _is_early(self, iterate: Iterate) -> bool:
+        first = 0 if self.settings.resumed else WHOLLY_CLIPPED
+        return iterate.number < first or iterate.violation > CLIPPED_ABOVE
+
+    def _clipped(self, iterate: Iterate) -> float:
+        return 1.0 if self._is_early(iterate) else iterate.model.clipped
+
+    def _subproblem(
+        self, program: NonlinearProgram, iterate: Iterate, clipped: float
+    ) -> Subproblem:
+        lin, settings, count = iterate.lin, self.settings, program.nonlinear
+        y, z, damping = iterate.y, iterate.z, iterate.model.damping
+        curved = z[:count].sum() > CURVED
+        if not (curved or np.abs(y).max(initial=0.0) > CURVED):
+            y = np.zeros_like(y)
+        if not curved:
+            z = np.append(np.zeros(count), z[count:])
+        if iterate.finishing:
+            y, z, damping = np.zeros_like(y), np.zeros_like(z), max(damping, 1.0)
+        H = program.hessian(lin, y, z, clipped=clipped, damping=damping)
+        values, number = lin.at.inequalities, iterate.number
+        if number == 0 and not settings.resumed:
+            keep = np.ones(len(values), dtype=bool)
+        else:
+            moved = FIRST_NEAR if iterate.step is None else iterate.step
+            keep = (values > -(NEAR + moved)) | (iterate.z > 0.0)
+        early = number < WHOLLY_CLIPPED
+        if iterate.violation > DECISIVE_ABOVE or early:
+            keep = keep | program.decisive(iterate.point, early=early)
+        share = np.clip(QP_SHARE * iterate.violation, LEAST_TOLERANCE, LARGEST_TOLERANCE)
+        tolerance = LEAST_TOLERANCE if iterate.finishing else float(share)
+        backends = (self.backend,) if self.fallback is None else (self.backend, self.fallback)
+        return Subproblem(lin, H, keep, backends, tolerance)
+
+    def _decrease(
+        self, program: NonlinearProgram, iterate: Iterate, direction: Direction
+    ) -> float:
+        """Decrease of the merit function that a step promises to first order."""
+        at, penalty, count = iterate.lin.at, iterate.penalty, program.nonlinear
+        after = penalty.of(direction.predicted, np.zeros(0), count)
+        before = penalty.of(at.inequalities, at.equalities, count)
+        return before - after - float(iterate.lin.gradient @ direction.step)
+
+    def _is_stationary(
+        self, program: NonlinearProgram, iterate: Iterate, direction: Direction
+    ) -> bool:
+        feasible = iterate.is_feasible(program.tolerance, self.settings.equality)
+        return feasible and self._decrease(program, iterate, direction) <= self.settings.optimality
+
+    # --- the step ---------------------------------------------------------------------------
 
     def _search(
         self,
-        nlp: NonlinearProgram,
-        x: Array,
-        lin: Linearization,
-        step: Step,
-        merit: Merit,
+        program: NonlinearProgram,
+        iterate: Iterate,
+        direction: Direction,
         subproblem: Subproblem,
-        model: Model,
-    ) -> tuple[Array, Linearization, float, bool] | None:
-        """Point that satisfies Armijo's condition on the penalty function, with its linearisation."""
-        start = merit.value(lin.at)
-        slope = ARMIJO_SLOPE * max(merit.predicted_decrease(lin, step.dx), 0.0)
+        *,
+        relaxed: bool,
+    ) -> _Found | None:
+        """Point that lowers the merit function enough, with its expansion."""
+        count, penalty, lin = program.nonlinear, iterate.penalty, iterate.lin
+        start = penalty.merit(lin.at, count)
+        promised = ARMIJO_SLOPE * max(self._decrease(program, iterate, direction), 0.0)
         noise = ROUNDING * max(1.0, abs(start))
-        # nearly always accepted, so its derivatives are not wasted
-        full = nlp.linearize(x + step.dx)
-        contracted = full.at.is_finite() and full.at.violation <= CONTRACTION * lin.at.violation
-        if (
-            not merit.breaks_ties
-            and contracted
-            and nlp.optimality_gap(x + step.dx) <= self.settings.optimality
-        ):
-            return x + step.dx, full, 1.0, False
-        if merit.value(full.at) <= start - slope + noise:
-            return x + step.dx, full, 1.0, False
-        if full.at.is_finite() and full.at.violation > lin.at.violation:
-            end, dx = full.at, step.dx
-            for _ in range(MOST_CORRECTIONS):
-                before, corrected = (
-                    end.violation,
-                    self._corrected(lin, end, dx, step, subproblem, model),
-                )
-                if corrected is None:
-                    break
-                dx, end = corrected, nlp.evaluate(x + corrected)
-                if merit.value(end) <= start - slope + noise:
-                    return x + dx, nlp.linearize(x + dx), 1.0, True
-                if not end.is_finite() or end.violation > 0.5 * before:
-                    break
+
+        def is_enough(at: Evaluation, length: float) -> bool:
+            return penalty.merit(at, count) <= start - length * promised + noise
+
+        def linearized(point: Any, length: float, corrected: bool = False) -> _Found:
+            found = _with(program.linearize(point), iterate.excess)
+            return _Found(point, found, length, corrected)
+
+        full = linearized(program.moved(lin, iterate.point, direction.step), 1.0)
+        closes = iterate.finishing and is_feasible(
+            full.lin.at, program.tolerance, self.settings.equality
+        )
+        if is_enough(full.lin.at, 1.0) or closes:
+            return full
+        end, step = full.lin.at, direction.step
+        corrections = MOST_CORRECTIONS if end.violation > iterate.violation and not relaxed else 0
+        for _ in range(corrections):
+            if not end.is_finite():
+                break
+            before = end.violation
+            corrected = subproblem.corrected(step, end.inequalities, end.equalities)
+            if corrected is None:
+                break
+            step = corrected
+            point = program.moved(lin, iterate.point, step)
+            end = _added(program.evaluate(point), iterate.excess)
+            if is_enough(end, 1.0):
+                return linearized(point, 1.0, corrected=True)
+            if not end.violation <= 0.5 * before:
+                break
         length = 0.5
         while length >= SHORTEST_STEP:
-            candidate = x + length * step.dx
-            if merit.value(nlp.evaluate(candidate)) <= start - length * slope + noise:
-                return candidate, nlp.linearize(candidate), length, False
+            point = program.moved(lin, iterate.point, length * direction.step)
+            if is_enough(_added(program.evaluate(point), iterate.excess), length):
+                return linearized(point, length)
             length *= 0.5
         return None
 
-    def _corrected(
+    def _refused(
         self,
-        lin: Linearization,
-        end: Evaluation,
-        dx: Array,
-        step: Step,
+        program: NonlinearProgram,
+        iterate: Iterate,
         subproblem: Subproblem,
-        model: Model,
-    ) -> Array | None:
-        """Step whose constraints carry the values found at the end of the refused one, dx."""
-        equalities, inequalities = end.equalities - lin.A @ dx, end.inequalities - lin.C @ dx
-        shifted = replace(lin, at=replace(lin.at, equalities=equalities, inequalities=inequalities))
-        again = Subproblem(shifted, subproblem.nonlinear, self.backend, self.fallback)
-        correction = again.solve(model, previous=(step.y, step.z))
-        return correction.dx if correction.solved else None
+        direction: Direction,
+    ) -> Iterate:
+        """No step lowers the merit function: damp the model, or end the run."""
+        feasible = iterate.is_feasible(program.tolerance, self.settings.equality)
+        ends = feasible or iterate.model.damping > LARGEST_DAMPING
+        verdict = None
+        if ends:
+            verdict = SQPStatus.FEASIBLE if feasible else SQPStatus.STALLED
+        damped = replace(iterate, model=iterate.model.damped(), verdict=verdict)
+        return self._stay(iterate, subproblem, damped, direction)
+
+    def _advance(
+        self,
+        program: NonlinearProgram,
+        iterate: Iterate,
+        direction: Direction,
+        found: _Found,
+        subproblem: Subproblem,
+        *,
+        relaxed: bool,
+    ) -> Iterate:
+        """The iterate at an accepted point."""
+        full = found.length == 1.0
+        change = _relative_change(iterate.lin.at.objective, found.lin.at.objective)
+        model = iterate.model
+        if not self._is_early(iterate):
+            model = self._lowered(iterate, direction, found, change)
+        model = model.after_step(found.length)
+        moved = found.length * np.abs(direction.predicted - iterate.lin.at.inequalities)
+        was_violated = iterate.violation
+        ahead = replace(
+            iterate,
+            point=found.point,
+            lin=found.lin,
+            y=direction.y,
+            z=direction.z,
+            model=model,
+            number=iterate.number + 1,
+            step=moved,
+            change=change if full else None,
+        )
+        ahead = self._with_excess(program, ahead, change)
+        slack = relaxed and direction.slack > LEFT * max(was_violated, LEFT)
+        ahead = self._with_relaxation(ahead, relaxed=relaxed, slack=slack)
+        ahead = self._judged(program, ahead, change, full=full)
+        self._record(ahead, direction, subproblem, found, relaxed=relaxed)
+        return ahead
+
+    def _lowered(
+        self, iterate: Iterate, direction: Direction, found: _Found, change: float
+    ) -> CurvatureModel:
+        """Model with less of the negative curvature clipped after a step that went well."""
+        model = iterate.model
+        if found.corrected or found.length < 1.0 or direction.inner > HARD:
+            clipped = min(1.0, max(LEAST_CLIPPED_LATER, 2.0 * model.clipped))
+            return replace(model, clipped=clipped)
+        if model.held:
+            return replace(model, held=model.held - 1)
+        creeps = (
+            iterate.number >= 3
+            and iterate.change is not None
+            and 0.5 * iterate.change < change < CREEPING
+        )
+        least = 0.0 if creeps else min(model.clipped, LEAST_CLIPPED)
+        return replace(model, clipped=max(least, 0.5 * model.clipped))
+
+    def _with_excess(
+        self, program: NonlinearProgram, iterate: Iterate, change: float
+    ) -> Iterate:
+        """With what nonlinear rows exceed between their places, late in the run."""
+        settings = self.settings
+        late = settings.excess_from > 0.0 and change < settings.excess_from
+        if not late and iterate.excess is None:
+            return iterate
+        fine = iterate.finishing or change < settings.converged
+        raw = program.excess(iterate.point, iterate.lin, fine=fine)
+        if raw is None:
+            return iterate
+        old = iterate.excess
+        if old is not None and iterate.finishing and bool((raw <= old).all()):
+            return iterate
+        excess = EXCESS_FACTOR * raw + EXCESS_GUARD
+        bare = replace(iterate.lin, at=_without(iterate.lin.at, old))
+        return replace(iterate, lin=_with(bare, excess), excess=excess)
+
+    def _with_relaxation(self, iterate: Iterate, *, relaxed: bool, slack: bool) -> Iterate:
+        """With the series of relaxed steps, and what it says of feasibility."""
+        relaxation = iterate.relaxation
+        if not relaxed:
+            return replace(iterate, relaxation=Relaxation(price=relaxation.price))
+        violation = iterate.violation
+        series = (*relaxation.violations, violation / iterate.lin.at.objective)
+        price, verdict = relaxation.price, None
+        stuck = (
+            len(series) > PATIENCE
+            and violation > PATIENCE_VIOLATION
+            and series[-1] > PATIENCE_SHARE * series[-1 - PATIENCE]
+        )
+        if stuck:
+            # a slower point might be less violated: at a higher price it would be found
+            verdict = SQPStatus.INFEASIBLE if max(price, iterate.penalty.nonlinear) >= DEAR else None
+            price, series = DEAR, series[-1:]
+        return replace(iterate, relaxation=Relaxation(slack, price, series), verdict=verdict)
+
+    def _judged(
+        self, program: NonlinearProgram, iterate: Iterate, change: float, *, full: bool
+    ) -> Iterate:
+        """With the verdict on an accepted point, and whether the next step is to finish the run."""
+        if iterate.verdict is not None:
+            return iterate
+        settings = self.settings
+        feasible = iterate.is_feasible(program.tolerance, settings.equality)
+        if feasible and program.optimality_gap(iterate.point) <= 2.0 * settings.equality:
+            return replace(iterate, verdict=SQPStatus.BOUND_REACHED)
+        if not full or change >= settings.converged:
+            return replace(iterate, finishing=False)
+        if feasible:
+            return replace(iterate, verdict=SQPStatus.OPTIMAL)
+        if iterate.violation < settings.coarse:
+            return replace(iterate, verdict=SQPStatus.COARSE)
+        return replace(iterate, finishing=iterate.violation < settings.closable)
+
+    # --- records ----------------------------------------------------------------------------
+
+    def _stay(
+        self,
+        iterate: Iterate,
+        subproblem: Subproblem,
+        changed: Iterate,
+        direction: Direction | None = None,
+    ) -> Iterate:
+        """The same point with another model, which counts as an iteration."""
+        stays = _Found(iterate.point, iterate.lin, 0.0, False)
+        counted = replace(changed, number=iterate.number + 1)
+        self._record(counted, direction, subproblem, stays, relaxed=False)
+        return counted
+
+    def _record(
+        self,
+        iterate: Iterate,
+        direction: Direction | None,
+        subproblem: Subproblem,
+        found: _Found,
+        *,
+        relaxed: bool,
+    ) -> None:
+        record = IterationRecord(
+            iteration=iterate.number,
+            backend=self.backend.name if direction is None else direction.backend,
+            inner_iterations=subproblem.inner,
+            rows=int(subproblem.keep.sum()),
+            relaxed=relaxed,
+            curvature=bool(iterate.z.any()),
+            corrected=found.corrected,
+            objective=iterate.lin.at.objective,
+            violation=iterate.violation,
+            step=found.length,
+            time=time.perf_counter() - self._started,
+        )
+        self._history.append(record)
+        if self.report is not None:
+            self.report(record)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Found:
+    """An accepted point, its expansion, the length of the step, and whether it was corrected."""
+
+    point: Any
+    lin: Linearization
+    length: float
+    corrected: bool
+
+
+def _relative_change(before: float, after: float) -> float:
+    """Of the square root of the objective, to first order: of a duration, if it is the square."""
+    return 0.5 * abs(after - before) / max(abs(before), LEAST_OBJECTIVE)
+
+
+def _added(at: Evaluation, excess: Array | None, sign: float = 1.0) -> Evaluation:
+    if excess is None:
+        return at
+    inequalities = at.inequalities.copy()
+    inequalities[: len(excess)] += sign * excess
+    return replace(at, inequalities=inequalities)
+
+
+def _without(at: Evaluation, excess: Array | None) -> Evaluation:
+    return _added(at, excess, -1.0)
+
+
+def _with(lin: Linearization, excess: Array | None) -> Linearization:
+    return lin if excess is None else replace(lin, at=_added(lin.at, excess))

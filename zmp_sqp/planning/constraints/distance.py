@@ -99,6 +99,7 @@ class DistanceRows:
     units = ("m/s", "m/s^2") * 2
     proven = True
     per_corner = False
+    tolerance = 2e-7
     needs_joint_efforts = False
 
     @property

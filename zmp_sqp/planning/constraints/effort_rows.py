@@ -44,6 +44,7 @@ class EffortRows:
     labels: tuple[str, ...]
     units: tuple[str, ...]
     resolution: Array
+    tolerance = 2e-7
     proven = True
     per_corner = True
 

@@ -146,6 +146,7 @@ class UserRows:
     units: tuple[str, ...]
     drawn_in: float = 0.0
     per_corner = True
+    tolerance = 2e-7
     needs_joint_efforts = False
 
     @property

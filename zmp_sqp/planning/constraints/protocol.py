@@ -168,6 +168,10 @@ class ConstraintRows(Protocol):
         """Room by which a guarantee may fall short of the samples, in each row's unit, (R,)."""
 
     @property
+    def tolerance(self) -> float:
+        """Largest violation of a scaled row at a solution, which the rows' guard makes up for."""
+
+    @property
     def proven(self) -> bool:
         """Whether `least_between` holds; otherwise the rows are only sampled."""
 

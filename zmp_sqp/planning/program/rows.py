@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,6 +58,10 @@ class BoundConstraints:
 
     corners: tuple[CornerRows, ...]
     common: tuple[Named, ...]
+
+    def at(self, corners: Sequence[int]) -> BoundConstraints:
+        """The constraints at some of the corners only."""
+        return BoundConstraints(tuple(self.corners[i] for i in corners), self.common)
 
     def tightened(self, amounts: Mapping[str, float]) -> BoundConstraints:
         """The constraints with limits drawn in, by amounts in their own unit.
@@ -122,6 +126,15 @@ class StageRows:
         self._matrices = [_stacked(rows, self._S) for rows in self._by_effort]
         every = (*self._by_effort, *self._others, self.common)
         self.count = sum(len(rows.labels) for group in every for rows in group)
+        ordered = [
+            *(rows for pair in zip(self._by_effort, self._others, strict=True) for group in pair
+              for rows in group),
+            *self.common,
+        ]
+        # largest violation of each row at a solution, shape (E,)
+        self.tolerance = np.concatenate(
+            [np.full(len(rows.labels), rows.tolerance) for rows in ordered]
+        )
 
     @property
     def size(self) -> int:

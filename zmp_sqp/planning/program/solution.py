@@ -1,18 +1,15 @@
-"""From a point of the nonlinear program to a motion in seconds."""
+"""From a point of the staged program to a motion in seconds."""
 
 from __future__ import annotations
-
-from typing import Protocol
 
 import numpy as np
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.motion.trajectory import Trajectory
 from zmp_sqp.planning.problem.problem import Problem
-from zmp_sqp.planning.program.hold import Hold
-from zmp_sqp.sqp.nlp import NonlinearProgram
+from zmp_sqp.planning.program.staged import Motion, StagedProgram
 
-__all__ = ["MotionProgram", "trajectory"]
+__all__ = ["trajectory"]
 
 # relative, of the duration: within it, limits that meeting the boundary states to the last digit
 # exceeds on coarse grids are kept by going slower
@@ -23,70 +20,44 @@ LEAST_TIME = 1e-9  # [s] by which motions so short that rounding shows may be st
 ARRIVED = 1e-9  # [m] from the goal: nearer, nothing is gained
 
 
-class MotionProgram(NonlinearProgram, Protocol):
-    """A nonlinear program whose points are motions."""
-
-    @property
-    def reference(self) -> float:
-        """Duration that scales time [s]."""
-
-    @property
-    def hold(self) -> Hold:
-        """How accelerations run within an interval."""
-
-    @property
-    def aim(self) -> Array | None:
-        """Where the base shall end, shape (2,) [m]; None where no base drives."""
-
-    def pack(self, controls: Array, S: float) -> Array:
-        """Point with controls (N, c, n) [T^2 a] and squared duration S [s^2], gaps closed."""
-
-    def unpack(self, x: Array) -> tuple[Array, Array, Array, float]:
-        """Unscaled (q, w, controls, S), shapes (N+1, n), (N+1, n), (N, c, n), scalar [s^2]."""
-
-    def arrived(self, x: Array, aim: Array | None = None) -> tuple[Array, Array, Array, float]:
-        """Result of `unpack` for the nearest point that meets gaps and goal to rounding.
-
-        Args:
-            x: Point.
-            aim: Where the base shall end instead of its goal, shape (2,) [m].
-        """
-
-
-def trajectory(problem: Problem, program: MotionProgram, x: Array) -> Trajectory:
+def trajectory(problem: Problem, program: StagedProgram, point: Motion) -> Trajectory:
     """The motion in seconds: it arrives to the last digit, and rounding breaks no limit.
 
     The true path of a base departs a little from that of the program's Runge-Kutta steps. So the
     program is made to end as far from the goal on the other side.
     """
-    goal, before = program.aim, np.inf
-    aim = goal
+    if program.drive is None:
+        return _motion(problem, program, point, None)
+    aim, before = program.drive.goal, np.inf
     while True:
-        found = _motion(problem, program, x, aim)
-        if goal is None or aim is None or found.base is None:
-            return found
-        miss = goal - found.base.poses[-1, :2]
+        found = _motion(problem, program, point, aim)
+        miss = np.zeros(2) if found.base is None else program.drive.goal - found.base.poses[-1, :2]
         far = float(np.abs(miss).max())
         if far <= ARRIVED or far > 0.1 * before:  # what is left lies sideways
             return found
         before, aim = far, aim + miss
 
 
-def _motion(problem: Problem, program: MotionProgram, x: Array, aim: Array | None) -> Trajectory:
+def _motion(
+    problem: Problem, program: StagedProgram, point: Motion, aim: Array | None
+) -> Trajectory:
     """Motion whose base, if there is one, ends at `aim` after the program's own steps."""
     coordinates, undercarriage = problem.coordinates, problem.undercarriage
     limits = problem.machine.limits.followed_by(undercarriage.limits)
-    size = coordinates.size
+    size, grid = coordinates.size, program.grid
 
-    def motion(x: Array) -> tuple[Array, Array, Array, float]:
-        y, rates, controls, S = program.arrived(x, aim)
+    def motion(sigma: float) -> tuple[Array, Array, Array, float]:
+        y, rates, controls, S = program.unpack(program.motion(point.controls, sigma))
+        if aim is not None and program.drive is not None:
+            controls = program.drive.arrived(grid, y[0], rates[0], controls, aim)
+            y, rates = grid.rolled(y[0], rates[0], controls)
         joints = coordinates.joints(y[:, :size]), coordinates.rates(rates[:, :size])
         accelerations = coordinates.rates(controls[:, :, :size])
         with_base = zip((*joints, accelerations), (y, rates, controls), strict=True)
         q, w, u = (np.concatenate([part, whole[..., size:]], axis=-1) for part, whole in with_base)
         return q, w, u, float(np.sqrt(S))
 
-    q, w, controls, duration = motion(x)
+    q, w, controls, duration = motion(point.sigma)
     for factor in STRETCHES:
         rates, accelerations = np.abs(w) / limits.velocity, np.abs(controls) / limits.acceleration
         # the duration at which no limit is exceeded
@@ -94,13 +65,11 @@ def _motion(problem: Problem, program: MotionProgram, x: Array, aim: Array | Non
         if not duration < needed <= duration * (1.0 + STRETCH) + LEAST_TIME:
             break
         stretched = duration + factor * (needed - duration)
-        q, w, controls, duration = motion(np.append(x[:-1], (stretched / program.reference) ** 2))
-    times = np.linspace(0.0, duration, problem.intervals + 1)
-    start, end = (program.hold.shapes(s)[0] for s in (0.0, 1.0))
-    ends = [np.einsum("c,kcn->kn", shape, controls) / duration**2 for shape in (start, end)]
-    jerks = (ends[1] - ends[0]) * (problem.intervals / duration)
-    v, n = w / duration, problem.machine.size
-    base = undercarriage.motion(times, q[:, -1], v[:, n:], ends[0][:, n:], jerks[:, n:])
+        q, w, controls, duration = motion((stretched / program.reference) ** 2)
+    start, end = (controls[:, i] / duration**2 for i in (0, 1))
+    jerks = (end - start) / (grid.steps[:, None] * duration)
+    times, v, n = grid.nodes * duration, w / duration, problem.machine.size
+    base = undercarriage.motion(times, q[:, -1], v[:, n:], start[:, n:], jerks[:, n:])
     return Trajectory(
-        problem.machine.joint_names, times, q[:, :n], v[:, :n], ends[0][:, :n], jerks[:, :n], base
+        problem.machine.joint_names, times, q[:, :n], v[:, :n], start[:, :n], jerks[:, :n], base
     )

@@ -27,7 +27,7 @@ __all__ = ["plan"]
 @one_blas_thread()
 def plan(
     problem: Problem,
-    qp_solver: str = "proxqp",
+    qp_solver: str = "auto",
     time_budget: float | None = None,
     *,
     progress: Callable[[IterationRecord], None] | None = None,
@@ -58,7 +58,7 @@ def plan(
         ProblemError: Unknown QP solver, or a time budget that is not a positive number.
     """
     _check(problem, time_budget)
-    runs = Runs.start(problem, qp_solver, time_budget, progress)
+    runs = Runs.start(qp_solver, time_budget, progress)
     task = task_of(problem)
     if task.lower_bound == 0.0:
         proven = _already_there(problem)

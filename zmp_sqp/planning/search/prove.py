@@ -10,14 +10,13 @@ from zmp_sqp.errors import ProblemError, TrajectoryError
 from zmp_sqp.motion.trajectory import Trajectory
 from zmp_sqp.planning.constraints.tip_over import GUARD
 from zmp_sqp.planning.problem.undercarriage import Driving
-from zmp_sqp.planning.program.hold import LINEAR
 from zmp_sqp.planning.program.solution import trajectory
 from zmp_sqp.planning.proof.base_check import BOUNDS_TOLERANCE
 from zmp_sqp.planning.proof.boundary_states import meets_boundary_states
 from zmp_sqp.planning.proof.certificate import Certificate, certify_for
 from zmp_sqp.planning.search.answer import Status
-from zmp_sqp.planning.search.refine import REFINEMENTS, Refined
-from zmp_sqp.planning.search.run import MAX_ITERATIONS, Runs
+from zmp_sqp.planning.search.explore import RESUMED
+from zmp_sqp.planning.search.run import Candidate, Runs
 from zmp_sqp.planning.search.task import Task, Tightening
 from zmp_sqp.sqp.result import SQPStatus
 
@@ -56,31 +55,27 @@ class Proven:
     obstacle: str = ""
 
 
-def prove(task: Task, refined: Refined, runs: Runs) -> Proven:
+def prove(task: Task, candidate: Candidate, runs: Runs) -> Proven:
     """Certify the motion; where it fails between the nodes, tighten what failed and solve again."""
     problem, tightening = task.problem, Tightening()
     for _ in range(MAX_TIGHTENINGS):
-        candidate = refined.candidate
         try:
-            motion = trajectory(problem, candidate.program, candidate.result.x)
+            motion = trajectory(problem, candidate.program, candidate.motion)
             checked = certify_for(problem, motion)
         except (ProblemError, TrajectoryError) as cause:
             # off the map, or where the tracks cannot follow
-            if (
-                not isinstance(problem.undercarriage, Driving)
-                or problem.undercarriage.terrain.uniform
-            ):
+            if not isinstance(problem.undercarriage, Driving) or problem.undercarriage.terrain.uniform:
                 raise
-            nothing, duration = Certificate.of_nothing(problem.margin), float(np.sqrt(candidate.S))
-            return Proven(Status.TERRAIN, nothing, None, duration, str(cause))
-        status = _verdict(task, refined, motion, checked)
+            nothing = Certificate.of_nothing(problem.margin)
+            return Proven(Status.TERRAIN, nothing, None, candidate.duration, str(cause))
+        status = _verdict(task, candidate, motion, checked)
         if status is not Status.UNSAFE_BETWEEN_NODES:
             break
         if runs.is_late:
             status = Status.TIME_BUDGET
             break
         tightening = _tightened(tightening, checked)
-        refined = _solve_again(task, refined, tightening, runs)
+        candidate = _solve_again(task, candidate, tightening, runs)
     margin_kept = checked.margin >= problem.margin
     base_fails = any(not found.kept for found in checked.guarantees if found.name == "base")
     if status in BLIND and base_fails and margin_kept:
@@ -88,12 +83,12 @@ def prove(task: Task, refined: Refined, runs: Runs) -> Proven:
     return Proven(status, checked, motion, motion.duration)
 
 
-def _verdict(task: Task, refined: Refined, motion: Trajectory, checked: Certificate) -> Status:
+def _verdict(task: Task, candidate: Candidate, motion: Trajectory, checked: Certificate) -> Status:
     """What the certificate makes of the search's outcome.
 
     UNSAFE_BETWEEN_NODES where tighter constraints may mend it.
     """
-    status = OUTCOMES.get(refined.candidate.result.status, Status.FAILED)
+    status = OUTCOMES.get(candidate.result.status, Status.FAILED)
     if checked.safe and meets_boundary_states(task.problem, motion):
         return status if status.success else Status.SAFE  # the proof does not ask how it was found
     if not status.success:
@@ -128,18 +123,23 @@ def _tightened(tightening: Tightening, checked: Certificate) -> Tightening:
     return tightening
 
 
-def _solve_again(task: Task, refined: Refined, tightening: Tightening, runs: Runs) -> Refined:
+def _solve_again(
+    task: Task, candidate: Candidate, tightening: Tightening, runs: Runs
+) -> Candidate:
     """The point of the tighter program, from the last one on."""
-    candidate = refined.candidate
-    hold = candidate.program.hold
-    linear = hold is LINEAR
     program = task.program(
         candidate.program.reference,
-        hold,
-        least=refined.least,
-        ties=refined.ties if linear else None,
+        candidate.program.grid,
         tightening=tightening,
+        corners=candidate.corners,
     )
-    iterations = REFINEMENTS if linear else MAX_ITERATIONS
-    found = runs.minimize(program, candidate.controls, candidate.S, iterations)
-    return replace(refined, candidate=found)
+    result = candidate.result
+    return runs.minimize(
+        program,
+        candidate.motion,
+        RESUMED,
+        y=result.y,
+        z=result.z,
+        excess=result.excess,
+        corners=candidate.corners,
+    )

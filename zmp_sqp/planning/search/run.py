@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+
+import numpy as np
 
 from zmp_sqp.arrays import Array
-from zmp_sqp.planning.problem.problem import Problem
-from zmp_sqp.planning.program.solution import MotionProgram
+from zmp_sqp.planning.program.staged import Motion, StagedProgram
 from zmp_sqp.sqp.backends import QPBackend, make_backend
 from zmp_sqp.sqp.backends.deadline import Punctual
 from zmp_sqp.sqp.result import IterationRecord, SQPResult
@@ -16,11 +17,7 @@ from zmp_sqp.sqp.solver import SQP, SQPSettings
 
 __all__ = ["MAX_ITERATIONS", "Candidate", "Runs"]
 
-FALLBACK = "piqp"
-# accelerations (intervals times coordinates) up to which ProxQP is asked first: the time of its dense
-# QPs grows with their cube
-MOST_DENSE = 800
-MAX_ITERATIONS = 100
+MAX_ITERATIONS = 60
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -30,10 +27,12 @@ class Candidate:
     Attributes:
         program: The nonlinear program.
         result: How the run ended.
+        corners: Corners of payload and slope that took part; None for all.
     """
 
-    program: MotionProgram
+    program: StagedProgram
     result: SQPResult
+    corners: tuple[int, ...] | None = None
 
     @property
     def is_feasible(self) -> bool:
@@ -41,14 +40,25 @@ class Candidate:
         return self.result.status.is_feasible
 
     @property
+    def motion(self) -> Motion:
+        """The point."""
+        motion: Motion = self.result.point
+        return motion
+
+    @property
     def controls(self) -> Array:
-        """Accelerations times the squared duration, shape (N, c, n)."""
-        return self.program.unpack(self.result.x)[2]
+        """Accelerations times the squared duration, shape (N, 2, n)."""
+        return self.program.unpack(self.motion)[2]
 
     @property
     def S(self) -> float:
         """Squared duration [s^2]."""
-        return self.program.unpack(self.result.x)[3]
+        return self.motion.sigma * self.program.reference**2
+
+    @property
+    def duration(self) -> float:
+        """Of the motion [s]."""
+        return float(np.sqrt(self.S))
 
 
 @dataclass(slots=True)
@@ -74,28 +84,17 @@ class Runs:
     @classmethod
     def start(
         cls,
-        problem: Problem,
         qp_solver: str,
         time_budget: float | None,
         progress: Callable[[IterationRecord], None] | None,
     ) -> Runs:
-        """Start the clock, with the QP solvers for a problem of this size.
-
-        Dense ProxQP gives way to sparse PIQP where it would be too slow.
-        """
+        """Start the clock, with a QP solver."""
         started = time.perf_counter()
         deadline = None if time_budget is None else started + time_budget
         backend = make_backend(qp_solver)
-        size = problem.intervals * (
-            problem.coordinates.size + len(problem.undercarriage.limits.velocity)
-        )
-        if qp_solver == "proxqp" and size > MOST_DENSE:
-            backend = make_backend(FALLBACK)
-        fallback = make_backend(FALLBACK) if backend.name != FALLBACK else None
         if deadline is not None:
             backend = Punctual(backend, deadline)
-            fallback = None if fallback is None else Punctual(fallback, deadline)
-        return cls(backend, fallback, started, deadline, progress)
+        return cls(backend, None, started, deadline, progress)
 
     @property
     def is_late(self) -> bool:
@@ -108,11 +107,25 @@ class Runs:
         return time.perf_counter() - self.started
 
     def minimize(
-        self, program: MotionProgram, controls: Array, S: float, iterations: int = MAX_ITERATIONS
+        self,
+        program: StagedProgram,
+        point: Motion,
+        settings: SQPSettings,
+        *,
+        y: Array | None = None,
+        z: Array | None = None,
+        excess: Array | None = None,
+        corners: tuple[int, ...] | None = None,
     ) -> Candidate:
-        """Run the SQP from controls (N, c, n) [T^2 a] and squared duration S [s^2]."""
-        settings = SQPSettings(deadline=self.deadline, max_iterations=iterations)
+        """Run the SQP from a motion, with multipliers if there are any."""
+        settings = replace(settings, deadline=self.deadline)
         sqp = SQP(self.backend, self.fallback, settings, self.progress)
-        result = sqp.minimize(program, program.pack(controls, S))
+        result = sqp.minimize(program, point, y=y, z=z, excess=excess)
         self.history.extend(result.history)
-        return Candidate(program, result)
+        return Candidate(program, result, corners)
+
+    def note(self, record: IterationRecord) -> None:
+        """Take in the record of an iteration that was no SQP step."""
+        self.history.append(record)
+        if self.progress is not None:
+            self.progress(record)

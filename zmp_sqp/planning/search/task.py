@@ -2,28 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from functools import cached_property
+
+import numpy as np
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.motion.double_integrator import slowest_minimum_time
 from zmp_sqp.planning.problem.problem import Problem
 from zmp_sqp.planning.problem.undercarriage import Driving
-from zmp_sqp.planning.program.driving.transcription import DrivingTranscription
+from zmp_sqp.planning.program.driving.positions import Positions, position_bounds
 from zmp_sqp.planning.program.formulation import (
     bound_constraints,
     boundaries,
     grid_bound,
     path_bounds,
 )
-from zmp_sqp.planning.program.hold import Hold
+from zmp_sqp.planning.program.grid import Grid
+from zmp_sqp.planning.program.limits import Boundary, PathBounds
 from zmp_sqp.planning.program.rows import BoundConstraints, StageRows
-from zmp_sqp.planning.program.solution import MotionProgram
-from zmp_sqp.planning.program.transcription import Boundary, PathBounds, Transcription
+from zmp_sqp.planning.program.staged import StagedProgram
 from zmp_sqp.planning.search.guess import initial_guess
 
 __all__ = ["Task", "Tightening", "task_of"]
+
+
+POSES = 9  # on the straight way in joint space
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,16 +49,17 @@ class Tightening:
         return replace(self, constraints=changed)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Task:
     """What search, refinement and proof work on.
 
     Attributes:
         problem: The question.
         start, goal: Boundary states in planning coordinates.
-        bounds: Limits of the coordinates; their least duration is a proven bound on this grid.
+        bounds: Limits of the coordinates.
         constraints: The path constraints, bound to the machine at every corner.
         lower_bound: No motion within the limits of joints and base is shorter [s].
+        grid_bound: Nor one with an acceleration per interval of the grid; 0 if unknown [s].
     """
 
     problem: Problem
@@ -62,70 +68,91 @@ class Task:
     bounds: PathBounds
     constraints: BoundConstraints
     lower_bound: float
+    grid_bound: float
 
     @property
     def least(self) -> float:
-        """Proven lower bound of the duration on this grid [s]."""
-        return self.bounds.least_duration
+        """Least duration with an acceleration per interval, from rest to rest [s]."""
+        return max(self.lower_bound, self.grid_bound)
 
     def program(
         self,
         reference: float,
-        hold: Hold,
+        grid: Grid,
         *,
-        least: float,
-        ties: Any = None,
+        least: float | None = None,
         tightening: Tightening | None = None,
-    ) -> MotionProgram:
+        corners: Sequence[int] | None = None,
+    ) -> StagedProgram:
         """The nonlinear program.
 
         Args:
             reference: Duration that scales time [s].
-            hold: How accelerations run within an interval.
-            least: Lower bound that is put on the duration [s].
-            ties: Map from fewer free variables to the controls; None leaves each free.
+            grid: Of normalised time.
+            least: Lower bound that is put on the duration [s]; None for the proven one.
             tightening: How far inside the constraints it keeps; None not at all.
+            corners: Corners of payload and slope that take part; None for all.
         """
         drawn_in = tightening or Tightening()
-        problem = self.problem
-        of_coordinates = Transcription(
-            StageRows(self.constraints.tightened(drawn_in.constraints), reference),
+        constraints = self.constraints.tightened(drawn_in.constraints)
+        if corners is not None:
+            constraints = constraints.at(corners)
+        duration = self.lower_bound if least is None else least
+        undercarriage = self.problem.undercarriage
+        drive, position_limits = None, ()
+        if isinstance(undercarriage, Driving):
+            drive = Positions(undercarriage.base, undercarriage.terrain)
+            support = self.problem.machine.support
+            position_limits = position_bounds(
+                undercarriage.base,
+                undercarriage.terrain,
+                reach=0.0 if support is None else support.reach,
+                drawn_in=drawn_in.base_bounds,
+            )
+        return StagedProgram(
+            StageRows(constraints, reference),
             self.start,
             self.goal,
-            replace(self.bounds, least_duration=least),
-            intervals=problem.intervals,
-            hold=hold,
-            ties=ties,
-        )
-        undercarriage = problem.undercarriage
-        if not isinstance(undercarriage, Driving):
-            return of_coordinates
-        support = problem.machine.support
-        return DrivingTranscription(
-            of_coordinates,
-            undercarriage.base,
-            undercarriage.terrain,
-            reach=0.0 if support is None else support.reach,
-            drawn_in=drawn_in.base_bounds,
+            replace(self.bounds, least_duration=duration),
+            grid,
+            drive=drive,
+            position_bounds=position_limits,
         )
 
-    def guess(self, duration: float, *, smooth: bool) -> tuple[Array, float]:
-        """Accelerations T^2 a, shape (N, n), and duration of a motion to start from [s].
+    def guess(self, duration: float, intervals: int, *, smooth: bool) -> tuple[Array, float]:
+        """Accelerations T^2 a, shape (N, 2, n), and duration of a motion to start from [s].
 
         Args:
             duration: Least duration of it [s].
+            intervals: Number N of equal intervals.
             smooth: Whether it is a cubic from rest to rest, too.
         """
-        return initial_guess(
-            self.constraints,
+        alpha, found = initial_guess(
+            self.constraints.at([self.worst_corner]),
             self.start,
             self.goal,
             self.bounds,
-            intervals=self.problem.intervals,
+            intervals=intervals,
             least_duration=duration,
             smooth=smooth,
             route=self.problem.undercarriage.route,
         )
+        return np.repeat(alpha[:, None], 2, axis=1), found
+
+    @cached_property
+    def worst_corner(self) -> int:
+        """Corner at which the zero moment point is farthest out at rest, on the straight way."""
+        if len(self.constraints.corners) == 1:
+            return 0
+        share = np.linspace(0.0, 1.0, POSES)[:, None]
+        q = self.start.q + share * (self.goal.q - self.start.q)
+        route = self.problem.undercarriage.route
+        places = None if route is None else route[0] + share * (route[1] - route[0])
+        outside = [
+            self.constraints.at([i]).outside(q, 0.0 * q, 0.0 * q, 1.0, places)
+            for i in range(len(self.constraints.corners))
+        ]
+        return int(np.argmax(outside))
 
 
 def task_of(problem: Problem) -> Task:
@@ -143,7 +170,5 @@ def task_of(problem: Problem) -> Task:
             goal_velocity=problem.goal_velocity,
         ),
     )
-    least = max(lower_bound, grid_bound(start, goal, bounds, problem.intervals))
-    constraints = bound_constraints(problem)
-    bounds = replace(bounds, least_duration=least)
-    return Task(problem, start, goal, bounds, constraints, lower_bound)
+    on_grid = grid_bound(start, goal, bounds, problem.intervals)
+    return Task(problem, start, goal, bounds, bound_constraints(problem), lower_bound, on_grid)

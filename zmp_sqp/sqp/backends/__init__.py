@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
+from zmp_sqp.arrays import Array
 from zmp_sqp.errors import ProblemError
 from zmp_sqp.sqp.qp import QP, QPSolution
 
@@ -13,27 +14,30 @@ QPSOLVERS_PREFIX = "qpsolvers:"
 
 
 class QPBackend(Protocol):
-    """Solves one QP at a time, in bounded work: inner and outer iterations are capped."""
+    """Solves one quadratic program at a time, in bounded work: iterations are capped."""
 
     @property
     def name(self) -> str:
         """How the history calls it."""
 
-    @property
-    def wants_sparse(self) -> bool:
-        """Whether it is better served with the sparse multiple-shooting QP than with the condensed one."""
-
-    def solve(self, qp: QP, *, warm: QPSolution | None = None) -> QPSolution:
-        """Solution, converged or not; never raises because of the QP's numbers.
+    def solve(
+        self, qp: QP, *, tolerance: float, iterations: int, warm: QPSolution | None = None
+    ) -> QPSolution:
+        """Solution, converged or not; never raises because of the program's numbers.
 
         Args:
             qp: The program.
-            warm: Solution of a nearby QP of the same size, for methods that gain from one.
+            tolerance: Of the residuals.
+            iterations: At most so many, where the method is an interior-point one.
+            warm: Solution of a nearby program with the same rows, for methods that gain from one.
         """
+
+    def solve_again(self, u: Array, b: Array) -> QPSolution:
+        """Solution of the last program with other right-hand sides."""
 
 
 def make_backend(name: str) -> QPBackend:
-    """Backend by name: "proxqp", "piqp", or "qpsolvers:NAME" for any solver that qpsolvers finds installed.
+    """Backend by name: "auto", "proxqp", "piqp", or "qpsolvers:NAME".
 
     Raises:
         ProblemError: Unknown name; the message lists what there is.
@@ -42,7 +46,7 @@ def make_backend(name: str) -> QPBackend:
         from zmp_sqp.sqp.backends.proxqp import ProxQP
 
         return ProxQP()
-    if name == "piqp":
+    if name in ("auto", "piqp"):
         from zmp_sqp.sqp.backends.piqp import PIQP
 
         return PIQP()
@@ -50,4 +54,6 @@ def make_backend(name: str) -> QPBackend:
         from zmp_sqp.sqp.backends.qpsolvers import QPSolvers
 
         return QPSolvers(name.removeprefix(QPSOLVERS_PREFIX))
-    raise ProblemError(f'unknown QP solver {name!r}: use "proxqp", "piqp" or "qpsolvers:NAME"')
+    raise ProblemError(
+        f'unknown QP solver {name!r}: use "auto", "proxqp", "piqp" or "qpsolvers:NAME"'
+    )

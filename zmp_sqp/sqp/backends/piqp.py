@@ -1,44 +1,73 @@
-"""PIQP, an interior-point backend: the fallback on condensed QPs and the choice for long horizons on sparse ones."""
+"""PIQP, an interior-point method that makes use of the stages of a quadratic program."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import piqp
-import scipy.sparse as sp
 
+from zmp_sqp.arrays import Array
 from zmp_sqp.sqp.qp import QP, QPSolution
 
 __all__ = ["PIQP"]
 
-EPS = 1e-9  # below the SQP's feasibility tolerance
-MAX_ITER = 100  # interior-point iterations; solved QPs of ours need 8-30
-
 
 class PIQP:
-    """Proximal interior point method of Schwan et al. 2023; dense or sparse, as the QP is."""
+    """Proximal interior point method of Schwan et al. 2023 with its multistage factorisation.
+
+    Its work grows linearly with the number of stages. Preconditioning is left out: with it the
+    proximal terms would act in another metric, and no longer make up for a Hessian that is slightly
+    indefinite. It starts cold every time, which makes its answers reproducible to the last bit.
+    """
 
     name = "piqp"
-    wants_sparse = True
 
-    def solve(self, qp: QP, *, warm: QPSolution | None = None) -> QPSolution:
-        """Solution, from cold: an interior-point method gains nothing from the last one."""
+    def __init__(self) -> None:
+        """Make a backend without a program."""
+        self._solver: Any = None
+        self._qp: QP | None = None
+
+    def solve(
+        self, qp: QP, *, tolerance: float, iterations: int, warm: QPSolution | None = None
+    ) -> QPSolution:
+        """Solution, from cold: an interior-point method gains nothing from a nearby one.
+
+        Args:
+            qp, tolerance, iterations, warm: Arguments of `QPBackend.solve`.
+        """
+        self._qp = qp
         if not qp.is_finite():
+            self._solver = None
             return QPSolution.nothing(qp, self.name)
-        solver = piqp.SparseSolver() if qp.is_sparse else piqp.DenseSolver()
+        solver = piqp.SparseSolver()
         settings = solver.settings
-        settings.eps_abs = settings.eps_rel = EPS
-        settings.eps_duality_gap_abs = settings.eps_duality_gap_rel = EPS
-        settings.max_iter = MAX_ITER
-        if qp.is_sparse:
-            H, A, C = (sp.csc_matrix(matrix) for matrix in (qp.H, qp.A, qp.C))
-            H = sp.csc_matrix(sp.triu(H))
-        else:
-            H, A, C = qp.H, qp.A, qp.C
-        solver.setup(H, qp.g, A, qp.b, C, qp.l, qp.u)
-        status = solver.solve()
-        result = solver.result
-        z = np.array(result.z_u) - np.array(result.z_l)
+        settings.kkt_solver = piqp.KKTSolver.sparse_multistage
+        settings.eps_abs = settings.eps_rel = tolerance
+        settings.eps_duality_gap_abs = settings.eps_duality_gap_rel = tolerance
+        settings.max_iter, settings.preconditioner_iter = iterations, 0
+        b = qp.b if qp.A is not None else None
+        solver.setup(qp.H, qp.g, qp.A, b, qp.C, None, qp.u)
+        self._solver = solver
+        return self._answer(solver.solve())
+
+    def solve_again(self, u: Array, b: Array) -> QPSolution:
+        """Solution of the last program with other right-hand sides; its factorisation is kept."""
+        assert self._qp is not None
+        if self._solver is None or not np.isfinite(u.sum() + b.sum()):
+            return QPSolution.nothing(self._qp, self.name)
+        changes = {"h_u": u} if self._qp.A is None else {"h_u": u, "b": b}
+        self._solver.update(**changes)
+        return self._answer(self._solver.solve())
+
+    def _answer(self, status: Any) -> QPSolution:
+        result = self._solver.result
         solved = status == piqp.PIQP_SOLVED
         return QPSolution(
-            np.array(result.x), np.array(result.y), z, solved, int(result.info.iter), self.name
+            np.array(result.x),
+            np.array(result.y),
+            np.maximum(np.array(result.z_u), 0.0),
+            solved,
+            int(result.info.iter),
+            self.name,
         )

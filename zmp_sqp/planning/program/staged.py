@@ -1,0 +1,518 @@
+"""The optimal control problem as a nonlinear program of stages, in normalised time."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from zmp_sqp.arrays import Array, Indices
+from zmp_sqp.planning.program.driving.positions import Positions
+from zmp_sqp.planning.program.grid import ENDS, Grid
+from zmp_sqp.planning.program.limits import Boundary, LimitRows, PathBounds, PositionBound
+from zmp_sqp.planning.program.rows import StageRows
+from zmp_sqp.planning.program.stages import STATE, Stages, clipped
+from zmp_sqp.sqp.nlp import Evaluation, Linearization
+from zmp_sqp.sqp.rows import Pattern, Rows
+
+__all__ = ["Motion", "StagedProgram"]
+
+Mask = npt.NDArray[np.bool_]
+
+# weight of the mean squared scaled acceleration, which picks one of many fastest motions: trades
+# less than 0.05 % of the duration
+REGULARIZATION = 3e-4
+POINTS = 3  # of an interval at which nonlinear rows are imposed: start, end, middle control point
+INSIDE = (0.2113, 0.7887)  # shares of an interval where rows are compared with their parabola
+INSIDE_FINE = (0.1, 0.2, 0.3, 0.4, 0.6, 0.7, 0.8, 0.9)
+DUST = 1e-7  # of the largest multiplier: smaller ones bring no curvature
+LINEAR_TOLERANCE = 2e-7  # violation of limits at a solution, scaled
+# control limits take part far from feasibility where an acceleration is on their side, or nearly
+DECISIVE, DECISIVE_EARLY = 1.0, 1.2  # of the limit, on the other side
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """A point of the program: a motion that starts and ends as asked, but for a base's position.
+
+    Attributes:
+        controls: Scaled accelerations at both ends of the intervals, shape (N, 2 n).
+        sigma: Squared duration over that of the reference.
+        states: Scaled states at the nodes, which follow, shape (N + 1, nx).
+    """
+
+    controls: Array
+    sigma: float
+    states: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Memory:
+    """What a linearisation keeps for the Hessian, and for rows between their points.
+
+    Attributes:
+        motion: The point.
+        states: (q, w, alpha) at starts, ends and middles, shape (3N, n) each.
+        places: Positions of a base there, shape (3N, 2), or None.
+        values: Nonlinear rows there, shape (3N, E).
+        by_ends: What given rates at both ends add to sigma's column, by inequality, (m,).
+        drive: Displacements of a base in the intervals, or None.
+    """
+
+    motion: Motion
+    states: tuple[Array, Array, Array]
+    places: Array | None
+    values: Array
+    by_ends: Array
+    drive: Any
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Patterns:
+    """Sparsity of the program's matrices."""
+
+    H: Pattern
+    C: Pattern
+    A: Pattern | None
+
+
+class StagedProgram:
+    r"""Nonlinear program of motions with linear accelerations within the intervals of a grid.
+
+    .. math::
+        \min \sigma + \tfrac{\epsilon}{4 N n} \sum |u_k|^2, \quad
+        |w_k| \le v \sqrt{S}, \; |u_k| \le a S, \; r(q, w, \alpha, S) \le 0
+
+    with S = T^2 = sigma S_ref, boundary rates v_0 sqrt(S) and v_f sqrt(S). The joints' motion does
+    not contain T.
+
+    Nonlinear rows r (`StageRows`) hold at both ends of every interval, because accelerations jump at
+    the nodes, and at the middle Bernstein control point 2 r(1/2) - (r(0) + r(1)) / 2 of the parabola
+    through start, middle and end, so that this parabola keeps the bound everywhere. Limits
+    (`LimitRows`) hold at Bernstein points, that is everywhere.
+
+    Curvature of the three points of an interval is taken at its middle, with the sum of their
+    multipliers: clipping them one by one would keep parts that cancel.
+
+    Inequalities: nonlinear rows by interval, point and row; then the limits. Equalities: positions
+    of a driving base at the ends of the intervals.
+    """
+
+    def __init__(
+        self,
+        rows: StageRows,
+        start: Boundary,
+        goal: Boundary,
+        bounds: PathBounds,
+        grid: Grid,
+        *,
+        drive: Positions | None = None,
+        position_bounds: tuple[PositionBound, ...] = (),
+    ) -> None:
+        """Scale and lay out.
+
+        Args:
+            rows: The path constraints; their reference duration scales time.
+            start, goal: Boundary states.
+            bounds: Limits of the coordinates.
+            grid: Of normalised time.
+            drive: Where a base drives; None if it stands.
+            position_bounds: On x and y of a driving base.
+        """
+        self.rows, self.start, self.goal, self.bounds = rows, start, goal, bounds
+        self.grid, self.n, self.reference, self.drive = grid, rows.size, rows.reference, drive
+        S = self.reference**2
+        reach = np.maximum(np.abs(goal.q - start.q), 1.0)
+        self.control_scale = np.minimum(bounds.acceleration * S, 10.0 * reach)
+        rates = np.minimum(bounds.velocity * self.reference, 5.0 * reach)
+        self.rate_scale = np.minimum(rates, self.control_scale)
+        positions = 0 if drive is None else 2
+        scales = self.rate_scale, self.control_scale
+        self.stages = Stages(grid, self.n, positions, *scales, S)
+        # scaled rates at both ends per square root of sigma
+        self.first, self.last = (
+            side.v * self.reference / self.rate_scale for side in (start, goal)
+        )
+        ends = self.first, self.last
+        self.limits = LimitRows(self.stages, bounds, self.reference, ends, position_bounds)
+        self.tie = REGULARIZATION / (grid.size * ENDS * self.n)
+        self.nonlinear = grid.size * POINTS * rows.count
+        self.inequalities = self.nonlinear + self.limits.count
+        self.equalities = 2 * grid.size if drive is not None else 0
+        self.size = self.stages.size
+        per_row = np.tile(rows.tolerance, grid.size * POINTS)
+        linear = np.full(self.limits.count, LINEAR_TOLERANCE)
+        self.tolerance = np.concatenate([per_row, linear])
+        self._patterns = self._cached_patterns()
+
+    # --- points -----------------------------------------------------------------------------
+
+    def motion(self, controls: Array, sigma: float) -> Motion:
+        """The motion with these scaled accelerations, changed least so that it ends as asked.
+
+        Args:
+            controls: Shape (N, 2 n).
+            sigma: Scaled squared duration.
+        """
+        n, N = self.n, self.grid.size
+        T = self.reference * np.sqrt(sigma) if sigma > 0.0 else np.nan
+        unscaled = controls.reshape(N * ENDS, n) * self.control_scale
+        first = self.start.v * T
+        wanted = np.vstack([self.goal.q - self.start.q - first, (self.goal.v - self.start.v) * T])
+        missed = wanted - self.grid.sums @ unscaled
+        change = self.grid.least_changes @ missed
+        if self.drive is not None:  # the path may have any length
+            to_rate = self.grid.sums[1]
+            change[:, n - 2] = to_rate * (missed[1, n - 2] / (to_rate @ to_rate))
+        unscaled = (unscaled + change).reshape(N, ENDS, n)
+        q, w = self.grid.rolled(self.start.q, first, unscaled)
+        states = [q, w / self.rate_scale]
+        if self.drive is not None:
+            states.append(self.drive.positions(self.grid, q, w, unscaled))
+        scaled = (unscaled / self.control_scale).reshape(N, -1)
+        return Motion(scaled, float(sigma), np.hstack(states))
+
+    def pack(self, controls: Array, S: float) -> Motion:
+        """The motion nearest to accelerations (N, 2, n) [T^2 a] at a squared duration [s^2]."""
+        scaled = (controls / self.control_scale).reshape(self.grid.size, -1)
+        return self.motion(scaled, S / self.reference**2)
+
+    def unpack(self, point: Motion) -> tuple[Array, Array, Array, float]:
+        """Unscaled (q, w, controls, S), shapes (N+1, n), (N+1, n), (N, 2, n), scalar [s^2]."""
+        n = self.n
+        q, w = point.states[:, :n], point.states[:, n : 2 * n] * self.rate_scale
+        controls = point.controls.reshape(self.grid.size, ENDS, n) * self.control_scale
+        return q, w, controls, point.sigma * self.reference**2
+
+    def moved(self, lin: Linearization, point: Motion, step: Array) -> Motion:
+        """The motion after a step of the variables, gaps closed and goal met exactly."""
+        change = self._stage_steps(step, point.sigma)
+        M = self.stages.hermite
+        controls = np.einsum("kuj,kj->ku", np.broadcast_to(
+            M, (self.grid.size, *M.shape[1:]))[:, self.stages.controls], change)
+        return self.motion(point.controls + controls, point.sigma + float(step[-1]))
+
+    def _stage_steps(self, step: Array, sigma: float) -> Array:
+        """Change of each mapped stage's variables, given rates at the ends included, (N, m)."""
+        columns = self.stages.stage_columns
+        change = np.where(columns >= 0, step[columns], 0.0)
+        by_sigma = 0.5 / np.sqrt(sigma) * step[-1] / STATE
+        change[0, self.stages.rates] = by_sigma * self.first
+        change[-1, self.stages.last_rates] = by_sigma * self.last
+        return change
+
+    # --- the nonlinear program --------------------------------------------------------------
+
+    def evaluate(self, point: Motion) -> Evaluation:
+        """Values at a motion."""
+        if not point.sigma > 0.0:
+            return self._evaluation(point, np.full((3 * self.grid.size, self.rows.count), np.nan))
+        states, places, _ = self._samples(point)
+        S = point.sigma * self.reference**2
+        return self._evaluation(point, self.rows.evaluate(*states, S, places))
+
+    def linearize(self, point: Motion) -> Linearization:
+        """Values and first derivatives at a motion."""
+        states, places, drive = self._samples(point)
+        S, N = point.sigma * self.reference**2, self.grid.size
+        values, jacobian = self.rows.linearize(*states, S, places)  # (3N, E, 3n + 1 [+ 2])
+        by_state = jacobian[:, :, : 3 * self.n + 1]
+        start, end, middle = (
+            by_state[i * N : (i + 1) * N] @ part for i, part in enumerate(self.stages.mapped)
+        )
+        if places is not None and self.drive is not None:
+            by_place = jacobian[:, :, 3 * self.n + 1 :]
+            self.drive.add_place_derivatives(self.stages, drive, by_place, (start, end, middle))
+        blocks = np.stack([start, end, 2.0 * middle - 0.5 * (start + end)], axis=1)
+        entries, by_ends = self._inequality_entries(blocks, point.sigma)
+        C = Rows(self._patterns.C.matrix(self._patterns.C.data(entries)))
+        A = None
+        if self.drive is not None and self._patterns.A is not None:
+            moves = self.drive.end_derivatives(self.stages, drive)
+            moves = self._folded(moves.copy(), point.sigma)
+            identity = np.full(2 * N, -STATE)
+            A = self._patterns.A.matrix(
+                self._patterns.A.data(np.concatenate([moves.ravel(), identity]))
+            )
+        memory = _Memory(point, states, places, values, by_ends, drive)
+        at = self._evaluation(point, values)
+        return Linearization(at, self._gradient(point), A, C, memory)
+
+    def hessian(
+        self, lin: Linearization, y: Array, z: Array, *, clipped: float, damping: float
+    ) -> Any:
+        """Hessian of the Lagrangian, upper triangle, CSC; see `NonlinearProgram.hessian`."""
+        memory: _Memory = lin.memory
+        sigma = memory.motion.sigma
+        blocks = self._curvature(memory, y, z, clipped)
+        of_rates = z[self.nonlinear :][self.limits.rate_rows].reshape(-1, self.n).sum(axis=0)
+        # square roots of sigma in the rates' limits
+        blocks[:, -1, -1] += 0.25 * float(of_rates @ self.limits.rate) / sigma**1.5 / self.grid.size
+        u = np.arange(self.stages.nx, self.stages.m - 1)
+        blocks[:, u, u] += self.tie
+        if damping > 0.0:
+            every = np.arange(self.stages.m - 1)
+            blocks[:, every, every] += damping
+        M = self.stages.hermite
+        blocks = M.transpose(0, 2, 1) @ blocks @ M
+        if self.limits.moving:
+            self._fold_hessian(blocks, z, memory)
+        pattern = self._patterns.H
+        return pattern.matrix(pattern.data(blocks.ravel()))
+
+    def metric(self) -> Any:
+        """Sum of the squares of all scaled accelerations, by the variables."""
+        blocks = np.zeros((self.grid.size, self.stages.m, self.stages.m))
+        u = np.arange(self.stages.nx, self.stages.m - 1)
+        blocks[:, u, u] = 1.0
+        M = self.stages.hermite
+        blocks = M.transpose(0, 2, 1) @ blocks @ M
+        return self._patterns.H.matrix(self._patterns.H.data(blocks.ravel()))
+
+    def decisive(self, point: Motion, *, early: bool) -> Mask:
+        """Acceleration limits on the side where the accelerations are."""
+        mask = np.zeros(self.inequalities, dtype=bool)
+        room = (DECISIVE_EARLY if early else DECISIVE) * point.sigma
+        limit = np.tile(self.limits.control, ENDS) * point.sigma
+        least = -np.tile(self.limits.control, ENDS) * room
+        u = point.controls
+        sides = np.concatenate([((u - limit) > least).ravel(), ((-u - limit) > least).ravel()])
+        mask[self.nonlinear : self.nonlinear + len(sides)] = sides
+        return mask
+
+    def excess(self, point: Motion, lin: Linearization, *, fine: bool) -> Array | None:
+        """What rows exceed the parabola through start, middle and end by, inside the intervals."""
+        memory: _Memory = lin.memory
+        N, shares = self.grid.size, INSIDE_FINE if fine else INSIDE
+        q, w, controls, S = self.unpack(point)
+        states = [self.grid.within(s, q[:-1], w[:-1], controls) for s in shares]
+        stacked = tuple(np.vstack(parts) for parts in zip(*states, strict=True))
+        places = None
+        if memory.places is not None:
+            p0, p1, middle = (memory.places[i * N : (i + 1) * N] for i in range(3))
+            places = np.vstack([_parabola(s, p0, p1, middle) for s in shares])
+        found = self.rows.evaluate(*stacked, S, places).reshape(len(shares), N, -1)
+        start, end, middle = memory.values.reshape(3, N, -1)
+        most = np.zeros((N, self.rows.count))
+        for s, values in zip(shares, found, strict=True):
+            most = np.maximum(most, values - _parabola(s, start, end, middle))
+        return np.repeat(most[:, None], POINTS, axis=1).ravel()
+
+    def optimality_gap(self, point: Motion) -> float:
+        """How far sigma stands above its proven lower bound, relative."""
+        least = self.limits.least
+        return point.sigma / least - 1.0 if least > 0.0 else np.inf
+
+    # --- parts ------------------------------------------------------------------------------
+
+    def _samples(self, point: Motion) -> tuple[tuple[Array, Array, Array], Array | None, Any]:
+        """States at starts, ends, middles (3N), positions there if they matter, displacements."""
+        q, w, controls, _ = self.unpack(point)
+        middle = self.grid.within(0.5, q[:-1], w[:-1], controls)
+        states = (
+            np.vstack([q[:-1], q[1:], middle[0]]),
+            np.vstack([w[:-1], w[1:], middle[1]]),
+            np.vstack([controls[:, 0], controls[:, 1], middle[2]]),
+        )
+        if self.drive is None:
+            return states, None, None
+        p = point.states[:, self.stages.places]
+        drive = self.drive.displacements(self.grid, p, q, w, controls)
+        if self.drive.terrain.uniform:
+            return states, None, drive
+        return states, np.vstack([p[:-1], p[1:], p[:-1] + drive.half]), drive
+
+    def _evaluation(self, point: Motion, values: Array) -> Evaluation:
+        N = self.grid.size
+        start, end, middle = values.reshape(3, N, -1)
+        nonlinear = np.stack([start, end, 2.0 * middle - 0.5 * (start + end)], axis=1)
+        with np.errstate(invalid="ignore"):
+            limits = self.limits.values(point.states, point.controls, point.sigma)
+        missed = np.zeros(self.equalities)
+        if self.drive is not None:  # gaps are closed but for the last
+            missed[-2:] = point.states[-1, self.stages.places] - self.drive.goal
+        tie = 0.5 * self.tie * float(np.sum(point.controls**2))
+        inequalities = np.concatenate([nonlinear.ravel(), limits])
+        return Evaluation(point.sigma, tie, missed, inequalities)
+
+    def _gradient(self, point: Motion) -> Array:
+        """Of sigma and the tie breaker by the variables."""
+        stages, M = self.stages, self.stages.hermite
+        by_stage = np.zeros((self.grid.size, stages.m))
+        by_stage[:, stages.controls] = self.tie * point.controls
+        by_stage = (by_stage[:, None] @ M)[:, 0]
+        by_stage = self._folded(by_stage[:, None], point.sigma)[:, 0]
+        columns = stages.stage_columns.ravel()
+        given = columns < 0
+        index = np.where(given, 0, columns)
+        weights = np.where(given, 0.0, by_stage.ravel())
+        gradient = np.bincount(index, weights=weights, minlength=self.size)
+        gradient[-1] += 1.0
+        return gradient
+
+    def _folded(self, entries: Array, sigma: float) -> Array:
+        """Derivatives (N, R, m) by mapped stages, given rates at the ends folded into sigma's."""
+        if self.limits.moving:
+            half = 0.5 / np.sqrt(sigma) / STATE
+            rates, last = self.stages.rates, self.stages.last_rates
+            entries[0, :, -1] += entries[0, :, rates] @ (half * self.first)
+            entries[-1, :, -1] += entries[-1, :, last] @ (half * self.last)
+        return entries
+
+    def _inequality_entries(self, blocks: Array, sigma: float) -> tuple[Array, Array]:
+        """Entries of the inequalities' matrix, and what given rates at the ends add, (m,)."""
+        nonlinear = blocks.reshape(self.grid.size, -1, self.stages.m)
+        groups, added = self.limits.entries(sigma)
+        by_ends = np.zeros(nonlinear.shape[:2])
+        if self.limits.moving:
+            before = nonlinear[:, :, -1].copy()
+            nonlinear = self._folded(nonlinear, sigma)
+            by_ends = nonlinear[:, :, -1] - before
+        entries = [nonlinear.ravel(), *(group.ravel() for group in groups)]
+        return np.concatenate(entries), np.concatenate([by_ends.ravel(), added])
+
+    def _curvature(self, memory: _Memory, y: Array, z: Array, share: float) -> Array:
+        """Blocks by (x_k, u_k, sigma), negative curvature clipped by a share, (N, m, m)."""
+        N, m, stages = self.grid.size, self.stages.m, self.stages
+        H = np.zeros((N, m, m))
+        weights = z[: self.nonlinear].reshape(N, POINTS, -1).sum(axis=1)
+        active = np.flatnonzero((weights > DUST * max(1e-3, weights.max(initial=0.0))).any(axis=1))
+        blocks = None
+        if len(active):
+            middle = 2 * N + active
+            q, w, alpha = (part[middle] for part in memory.states)
+            places = None if memory.places is None else memory.places[middle]
+            S = memory.motion.sigma * self.reference**2
+            blocks = self.rows.curvature(q, w, alpha, S, weights[active], places)
+        if self.drive is None:
+            if blocks is not None:  # eigenvalues in the 3n + 1 dimensions that there are
+                Q, R = (
+                    part if self.grid.uniform else part[active] for part in stages.middle_factors
+                )
+                within = clipped(R @ blocks @ R.transpose(0, 2, 1), share)
+                H[active] = Q @ within @ Q.transpose(0, 2, 1)
+            return H
+        if blocks is not None:
+            P = stages.at_middle if self.grid.uniform else stages.at_middle[active]
+            H[active] = P.transpose(0, 2, 1) @ blocks @ P
+        if y.any():
+            point = memory.motion
+            q, w, controls, _ = self.unpack(point)
+            p = point.states[:, stages.places]
+            H += self.drive.curvature(stages, p, q, w, controls, y.reshape(N, 2))
+            active = np.arange(N)
+        if len(active):
+            H[active] = clipped(H[active], share)
+        return H
+
+    def _fold_hessian(self, blocks: Array, z: Array, memory: _Memory) -> None:
+        """Add what given rates at the ends contribute through sigma to mapped blocks, in place."""
+        sigma = memory.motion.sigma
+        half = 0.5 / np.sqrt(sigma) / STATE
+        sides = ((0, self.stages.rates, self.first), (-1, self.stages.last_rates, self.last))
+        for k, columns, rates in sides:
+            along = np.zeros(self.stages.m)
+            along[columns] = half * rates
+            through = blocks[k] @ along
+            blocks[k, :, -1] += through
+            blocks[k, -1, :] += through
+            blocks[k, -1, -1] += along @ through
+        # second derivative of the square root of sigma: convex part only
+        bend = max(0.0, -0.5 / sigma * float(z @ memory.by_ends))
+        blocks[:, -1, -1] += bend / self.grid.size
+
+    def _cached_patterns(self) -> _Patterns:
+        limits = self.limits
+        key = (
+            self.grid.size,
+            self.n,
+            self.rows.count,
+            self.stages.positions,
+            limits.moving,
+            tuple(limits.upper.tolist()),
+            tuple(limits.lower.tolist()),
+            tuple((bound.axis, bound.sign) for bound in limits.position_bounds),
+        )
+        return _patterns_of(_Key(key, self))
+
+    def with_rows(self, rows: StageRows) -> StagedProgram:
+        """The program with other path constraints."""
+        return StagedProgram(
+            rows,
+            self.start,
+            self.goal,
+            self.bounds,
+            self.grid,
+            drive=self.drive,
+            position_bounds=self.limits.position_bounds,
+        )
+
+    def with_least(self, least_duration: float) -> StagedProgram:
+        """The program with another lower bound of the duration [s]."""
+        bounds = replace(self.bounds, least_duration=least_duration)
+        return StagedProgram(
+            self.rows,
+            self.start,
+            self.goal,
+            bounds,
+            self.grid,
+            drive=self.drive,
+            position_bounds=self.limits.position_bounds,
+        )
+
+
+class _Key:
+    """A program, hashed by what its patterns depend on."""
+
+    def __init__(self, key: Hashable, program: StagedProgram) -> None:
+        self.key, self.program = key, program
+
+    def __hash__(self) -> int:
+        return hash(self.key)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Key) and self.key == other.key
+
+
+@lru_cache(maxsize=64)
+def _patterns_of(key: _Key) -> _Patterns:
+    program = key.program
+    key.program = None  # type: ignore[assignment]  # the cache keeps the key
+    stages, N = program.stages, program.grid.size
+    m, size = stages.m, stages.size
+    columns = stages.stage_columns
+    H = Pattern(
+        np.repeat(columns, m, axis=1).ravel(),
+        np.tile(columns, (1, m)).ravel(),
+        (size, size),
+        upper=True,
+    )
+    groups = [np.repeat(columns, POINTS * program.rows.count, axis=0), *program.limits.columns]
+    C = Pattern(*_touched(groups), (program.inequalities, size))
+    if program.drive is None:
+        return _Patterns(H, C, None)
+    row = np.arange(2 * N).reshape(N, 2)
+    after = stages.columns[1:, stages.places]
+    A = Pattern(
+        np.concatenate([np.repeat(row, m, axis=1).ravel(), row.ravel()]),
+        np.concatenate([np.repeat(columns, 2, axis=0).ravel(), after.ravel()]),
+        (2 * N, size),
+    )
+    return _Patterns(H, C, A)
+
+
+def _touched(groups: list[Indices]) -> tuple[Indices, Indices]:
+    """Rows and columns of groups of rows that touch these columns each."""
+    widths = np.concatenate([np.full(len(group), group.shape[1]) for group in groups])
+    rows = np.repeat(np.arange(len(widths)), widths)
+    return rows, np.concatenate([group.ravel() for group in groups])
+
+
+def _parabola(s: float, start: Array, end: Array, middle: Array) -> Array:
+    """At a share s, through values at start, end and middle."""
+    outer = start * (1.0 - s) * (1.0 - 2.0 * s) + end * s * (2.0 * s - 1.0)
+    return np.asarray(outer + middle * 4.0 * s * (1.0 - s))

@@ -1,0 +1,196 @@
+r"""Variables of the staged program, and the maps from them to states within the intervals.
+
+Stage k has a state x_k = (q_k, w_k / w_s [, p_k]) and accelerations u_k at both ends of its
+interval, scaled to order one; sigma = S / S_ref is global. Since accelerations run linearly within an
+interval, its u_k follows from x_k and x_{k+1}: a cubic through Hermite's data. So quadratic programs
+need neither accelerations as variables nor the equations of motion as equalities. Their variables are
+
+.. math:: (x_1, \dots, x_{N-1} [, \text{path length at the goal}], \sigma)
+
+with x scaled by `STATE`. The Hessian is a chain of blocks with an arrow to sigma:
+
+    x_1   x_2   x_3   ...   sigma
+    #     #                 #
+    #     #     #           #
+          #     #     #     #
+                #     #     #
+    #     #     #     #     #
+
+x_0 and x_N are given but for sigma: w_0 = v_0 sqrt(S), w_N = v_N sqrt(S). What depends on them is
+folded into the column of sigma. Curvature is clipped by (x_k, u_k, sigma), whose scales are alike.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from zmp_sqp.arrays import Array, Indices
+from zmp_sqp.planning.program.grid import ENDS, Grid, shapes
+
+__all__ = ["STATE", "Stages"]
+
+# the program's variables times this are the scaled states: proximal terms of interior-point methods
+# then weigh states and sigma alike
+STATE = 0.1
+DROPPED = 1e-13  # relative: smaller entries of maps are rounding
+
+
+@dataclass(frozen=True, eq=False)
+class Stages:
+    """Columns and maps of a grid's stages.
+
+    Attributes:
+        grid: Of normalised time.
+        n: Number of coordinates.
+        positions: Number of a driving base's positions in the state, 2 or 0.
+        rate_scale, control_scale: Of w and of accelerations, shape (n,) each.
+        S: Squared reference duration [s^2].
+    """
+
+    grid: Grid
+    n: int
+    positions: int
+    rate_scale: Array
+    control_scale: Array
+    S: float
+
+    @property
+    def nx(self) -> int:
+        """Size of a state."""
+        return 2 * self.n + self.positions
+
+    @property
+    def m(self) -> int:
+        """Size of a stage: state, accelerations, sigma."""
+        return self.nx + ENDS * self.n + 1
+
+    @property
+    def rates(self) -> slice:
+        """Columns of a stage with the rates at its start."""
+        return slice(self.n, 2 * self.n)
+
+    @property
+    def places(self) -> slice:
+        """Columns of a stage with the base's position."""
+        return slice(2 * self.n, self.nx)
+
+    @property
+    def controls(self) -> slice:
+        """Columns with accelerations; with the next state's coordinates and rates, once mapped."""
+        return slice(self.nx, self.m - 1)
+
+    @property
+    def last_rates(self) -> slice:
+        """Columns of a mapped stage with the rates at its end."""
+        return slice(self.nx + self.n, self.nx + 2 * self.n)
+
+    @cached_property
+    def size(self) -> int:
+        """Number of the quadratic programs' variables."""
+        return (self.grid.size - 1) * self.nx + (1 if self.positions else 0) + 1
+
+    @cached_property
+    def columns(self) -> Indices:
+        """Variables of the states, shape (N + 1, nx); -1 where a state is given."""
+        index = np.full((self.grid.size + 1, self.nx), -1)
+        inner = np.arange((self.grid.size - 1) * self.nx)
+        index[1:-1] = inner.reshape(self.grid.size - 1, self.nx)
+        if self.positions:  # the path length at the goal is free
+            index[-1, self.n - 2] = self.size - 2
+        return index
+
+    @cached_property
+    def stage_columns(self) -> Indices:
+        """Variables of a mapped stage (x_k, next coordinates and rates, sigma), shape (N, m)."""
+        sigma = np.full((self.grid.size, 1), self.size - 1)
+        return np.hstack([self.columns[:-1], self.columns[1:, : 2 * self.n], sigma])
+
+    @cached_property
+    def scale(self) -> Array:
+        """Unscaled per scaled stage variable, shape (m,)."""
+        ones = np.ones(self.n), np.ones(self.positions)
+        controls = np.tile(self.control_scale, ENDS)
+        return np.concatenate([ones[0], self.rate_scale, ones[1], controls, [self.S]])
+
+    def state_map(self, s: float) -> Array:
+        """(q, w, alpha, S) at a share s of the intervals by scaled stage variables, (K, 3n + 1, m).
+
+        K is 1 for a uniform grid, N otherwise.
+        """
+        n, nx = self.n, self.nx
+        h = (self.grid.steps[:1] if self.grid.uniform else self.grid.steps)[:, None, None]
+        level, once, twice = shapes(s)
+        one = np.eye(n)
+        P = np.zeros((len(h), 3 * n + 1, self.m))
+        P[:, :n, :n] = P[:, n : 2 * n, n : 2 * n] = one
+        P[:, :n, n : 2 * n] = h * s * one
+        P[:, -1, -1] = 1.0
+        for i in range(ENDS):
+            of_end = slice(nx + i * n, nx + (i + 1) * n)
+            P[:, :n, of_end] = h**2 * twice[i] * one
+            P[:, n : 2 * n, of_end] = h * once[i] * one
+            P[:, 2 * n : 3 * n, of_end] = level[i] * one
+        return P * self.scale
+
+    @cached_property
+    def at_start(self) -> Array:
+        """`state_map` at the starts of the intervals."""
+        return self.state_map(0.0)
+
+    @cached_property
+    def at_end(self) -> Array:
+        """`state_map` at the ends of the intervals."""
+        return self.state_map(1.0)
+
+    @cached_property
+    def at_middle(self) -> Array:
+        """`state_map` in the middle of the intervals."""
+        return self.state_map(0.5)
+
+    @cached_property
+    def hermite(self) -> Array:
+        """(x_k, u_k, sigma) by the variables (x_k, x_{k+1}, sigma) of a mapped stage, (K, m, m)."""
+        n, u = self.n, self.controls
+        end = self.at_end[:, : 2 * n] / np.concatenate([np.ones(n), self.rate_scale])[:, None]
+        M = np.zeros((len(end), self.m, self.m))
+        M[:] = np.eye(self.m)
+        inverse = np.linalg.inv(end[:, :, u])
+        M[:, u, u] = inverse
+        M[:, u, : 2 * n] = -inverse @ end[:, :, : 2 * n]
+        M[np.abs(M) < DROPPED * np.abs(M).max()] = 0.0
+        M[:, :, :-1] *= STATE
+        return M
+
+    @cached_property
+    def mapped(self) -> tuple[Array, Array, Array]:
+        """Start, end and middle `state_map` by the variables of a mapped stage, (K, 3n + 1, m)."""
+        maps = (self.at_start, self.at_end, self.at_middle)
+        return tuple(np.ascontiguousarray(part @ self.hermite) for part in maps)  # type: ignore[return-value]
+
+    @cached_property
+    def control_entries(self) -> Array:
+        """Each scaled acceleration by (q_k, w_k, q_{k+1}, w_{k+1}) of its joint, (N, 2, n, 4)."""
+        n, nx, j = self.n, self.nx, np.arange(self.n)
+        M = self.hermite
+        entries = [
+            np.stack([M[:, nx + i * n + j, at + j] for at in (0, n, nx, nx + n)], axis=-1)
+            for i in range(ENDS)
+        ]
+        found = np.stack(entries, axis=1)
+        return np.broadcast_to(found, (self.grid.size, ENDS, n, 4))
+
+    @cached_property
+    def middle_factors(self) -> tuple[Array, Array]:
+        """Orthonormal basis and triangle of the middle map: P' = Q R, (K, m, 3n+1), (K, 3n+1, 3n+1)."""
+        Q, R = np.linalg.qr(self.at_middle.transpose(0, 2, 1))
+        return Q, R
+
+
+def clipped(blocks: Array, share: float) -> Array:
+    """Symmetric blocks (K, r, r) with a share of their negative eigenvalues taken away."""
+    values, vectors = np.linalg.eigh(blocks)
+    kept = np.where(values > 0.0, values, (1.0 - share) * values)
+    return np.asarray((vectors * kept[:, None, :]) @ vectors.transpose(0, 2, 1))

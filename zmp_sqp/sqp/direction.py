@@ -1,0 +1,169 @@
+"""The quadratic program of an iterate: screened, and relaxed where it has no solution."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from zmp_sqp.arrays import Array
+from zmp_sqp.sqp.backends import QPBackend
+from zmp_sqp.sqp.nlp import Linearization
+from zmp_sqp.sqp.qp import QP, QPSolution
+
+__all__ = ["Direction", "Subproblem"]
+
+Mask = npt.NDArray[np.bool_]
+
+ROUNDS = 4  # of adding rows that a solution violates
+ADDED = 0.05  # rows that a screened solution brings nearer to their bound than this join
+MISSED = 0.2  # of the current violation: rows that a step misses by less wait for the next one
+SOLVED = 1e-6  # residual of rows in the program of a solution that is believed
+DUST = 1e-7  # of the largest: smaller multipliers are what an interior point leaves
+RELAXED_ITERATIONS = 100
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Direction:
+    """Step of one quadratic program.
+
+    Attributes:
+        step: d, shape (n,).
+        y, z: Multipliers, shape (p,) and (m,).
+        predicted: Inequalities after the step to first order, shape (m,).
+        inner: Inner iterations of the backend in the last round.
+        rows: How many inequalities took part.
+        slack: Violation that a relaxed program left; zero for others.
+        backend: Who solved it.
+    """
+
+    step: Array
+    y: Array
+    z: Array
+    predicted: Array
+    inner: int
+    rows: int
+    slack: float
+    backend: str
+
+
+class Subproblem:
+    r"""Quadratic program about one iterate.
+
+    .. math:: \min_d \tfrac12 d^T H d + g^T d \quad \text{s.t.} \quad c_E + A d = 0, \;
+              c_I + C d \le 0
+
+    Only inequalities near their bounds take part. Those that the solution violates join, until it
+    violates none by more than a fifth of what is violated now.
+    """
+
+    def __init__(
+        self,
+        lin: Linearization,
+        H: Any,
+        keep: Mask,
+        backends: tuple[QPBackend, ...],
+        tolerance: float,
+    ) -> None:
+        """Hold the expansion.
+
+        Args:
+            lin: First-order expansion.
+            H: Hessian, upper triangle, CSC.
+            keep: Inequalities that take part at first, shape (m,).
+            backends: Asked one after the other until one solves the program.
+            tolerance: Of solutions.
+        """
+        self.lin, self.H, self.keep = lin, H, keep
+        self._backends, self._tolerance = backends, tolerance
+        self._backend = backends[0]
+        self.inner = 0  # inner iterations of all programs so far
+
+    def solve(self, *, iterations: int, warm: QPSolution | None = None) -> Direction | None:
+        """Step; None if no backend finds one.
+
+        Args:
+            iterations: Inner iterations at most.
+            warm: Last solution, of the same rows.
+        """
+        lin, keep = self.lin, self.keep
+        values = lin.at.inequalities
+        missed = max(DUST, MISSED * lin.at.violation)
+        for last in (False,) * (ROUNDS - 1) + (True,):
+            solution = self._ask(self._qp(keep), iterations, warm)
+            if solution is None:
+                return None
+            predicted = lin.C @ solution.x + values
+            over = (predicted > missed) & ~keep
+            if not over.any():
+                break
+            if not last:
+                keep, warm = keep | (predicted > -ADDED), None
+        self.keep = keep
+        return self._direction(solution, predicted, 0.0)
+
+    def solve_relaxed(self, nonlinear: int, price: float) -> Direction | None:
+        """Step of the program whose nonlinear rows may be violated at a price; None if that fails.
+
+        Args:
+            nonlinear: How many of the inequalities are nonlinear.
+            price: Per unit of the largest violation.
+        """
+        mask = np.arange(len(self.keep)) < nonlinear
+        qp = self._qp(self.keep).relaxed(mask[self.keep], price)
+        solution = self._ask(qp, RELAXED_ITERATIONS, None)
+        if solution is None:
+            return None
+        slack = max(float(solution.x[-1]), 0.0)
+        x, z = solution.x[:-1], solution.z[:-1]
+        shortened = QPSolution(x, solution.y, z, True, solution.iterations, solution.backend)
+        return self._direction(shortened, self.lin.C @ x + self.lin.at.inequalities, slack)
+
+    def corrected(self, step: Array, inequalities: Array, equalities: Array) -> Array | None:
+        """Step of the program whose constraints have the values found at the end of another step.
+
+        Args:
+            step: That other step, shape (n,).
+            inequalities, equalities: Values at its end.
+        """
+        u = -(inequalities - self.lin.C @ step)[self.keep]
+        b = -equalities if self.lin.A is None else self.lin.A @ step - equalities
+        solution = self._backend.solve_again(u, b)
+        self.inner += solution.iterations
+        return solution.x if solution.solved else None
+
+    def _qp(self, keep: Mask) -> QP:
+        lin = self.lin
+        C, u = lin.C.selected(keep), -lin.at.inequalities[keep]
+        return QP(self.H, lin.gradient, lin.A, -lin.at.equalities, C, u)
+
+    def _ask(self, qp: QP, iterations: int, warm: QPSolution | None) -> QPSolution | None:
+        """First solution that a backend calls solved and that its rows confirm."""
+        for backend in self._backends:
+            solution = backend.solve(
+                qp, tolerance=self._tolerance, iterations=iterations, warm=warm
+            )
+            self.inner += solution.iterations
+            if solution.solved and solution.is_finite():
+                above = float((qp.C @ solution.x - qp.u).max(initial=0.0))
+                if above <= max(SOLVED, 10.0 * self._tolerance * max(1.0, np.abs(qp.u).max(initial=0.0))):
+                    self._backend = backend
+                    return solution
+        return None
+
+    def _direction(self, solution: QPSolution, predicted: Array, slack: float) -> Direction:
+        z = np.zeros(len(self.keep))
+        z[self.keep] = solution.z
+        z[z < DUST * max(1.0, float(z.max(initial=0.0)))] = 0.0
+        return Direction(
+            solution.x,
+            solution.y,
+            z,
+            predicted,
+            solution.iterations,
+            int(self.keep.sum()),
+            slack,
+            solution.backend,
+        )

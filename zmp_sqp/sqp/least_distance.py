@@ -1,0 +1,197 @@
+"""Feasibility at a given objective, by shortest steps onto the linearised constraints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from zmp_sqp.arrays import Array
+from zmp_sqp.sqp.backends import QPBackend
+from zmp_sqp.sqp.iterate import is_feasible
+from zmp_sqp.sqp.nlp import Evaluation, NonlinearProgram
+from zmp_sqp.sqp.qp import QP
+
+__all__ = ["Nearest", "nearest_feasible"]
+
+Mask = npt.NDArray[np.bool_]
+
+STEPS = 6  # at most
+INNER = 25  # iterations of an interior-point method: more mean that there is no solution
+ROUNDS = 3  # of adding rows that a step violates
+NEAR = 0.05  # rows nearer to their bound than this take part ...
+REACH = 0.5  # ... and at first those within this share of the violation more
+MISSED = 0.1  # of the violation: rows that a step misses by less wait for the next one
+# violation after the first step, relative to before, and after every later one: with less
+# contraction no feasible point is near
+FIRST_CONTRACTION, CONTRACTION = 0.6, 0.35
+SMALL = 3e-2  # violation after the first step that may contract less
+CHORD = 2e-3  # violation from which on the last program is solved again with the values found
+EXCESS_BELOW = 1e-3  # violation below which rows between their places are looked at
+EXCESS_FACTOR, EXCESS_GUARD = 1.05, 2e-6
+QP_SHARE, LEAST_TOLERANCE, LARGEST_TOLERANCE = 1e-3, 1e-8, 1e-4
+EQUALITY = 2e-7
+
+
+class MetricProgram(NonlinearProgram, Protocol):
+    """A program that can say how long a step is."""
+
+    def metric(self) -> Any:
+        """Matrix H of the squared length d'Hd of steps, upper triangle, CSC, shape (n, n)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Nearest:
+    """Where shortest steps led.
+
+    Attributes:
+        point: The last point.
+        feasible: Whether it satisfies the constraints.
+        at: Values there.
+        excess: What was added to the nonlinear rows, or None.
+        steps: Quadratic programs solved.
+        inner: Their inner iterations.
+        rows: Inequalities that took part in the last one.
+    """
+
+    point: Any
+    feasible: bool
+    at: Evaluation
+    excess: Array | None
+    steps: int
+    inner: int
+    rows: int
+
+
+def nearest_feasible(program: MetricProgram, point: Any, backend: QPBackend) -> Nearest:
+    r"""Feasible point with the objective of a given one, by shortest steps.
+
+    .. math:: \min d^T H d \quad \text{s.t.} \quad c_E + A d = 0, \; c_I + C d \le 0, \; d_n = 0
+
+    The last variable is the objective, which stays. The method gives up as soon as a step does not
+    lower the violation enough: it is meant to decide quickly.
+
+    Args:
+        program: The program.
+        point: From where to start.
+        backend: Solves quadratic programs.
+    """
+    search = _Search(program, backend)
+    return search.run(point)
+
+
+class _Search:
+    """State of one search."""
+
+    def __init__(self, program: MetricProgram, backend: QPBackend) -> None:
+        self.program, self.backend = program, backend
+        self.H = _without_last(program.metric(), square=True)
+        self.keep: Mask | None = None
+        self.excess: Array | None = None
+        self.steps = self.inner = 0
+        self.chord: tuple[Any, Any, Any, Array] | None = None  # lin, point, C, last step
+
+    def run(self, point: Any) -> Nearest:
+        program, violations = self.program, list[float]()
+        after_chord = False
+        while True:
+            at = self._values(point)
+            violations.append(at.violation)
+            feasible = is_feasible(at, program.tolerance, EQUALITY)
+            if feasible or self.steps >= STEPS or not at.is_finite():
+                break
+            if self.chord is not None and at.violation <= CHORD and not after_chord:
+                moved = self._chord_step(at)
+                if moved is not None:
+                    point, after_chord = moved, True
+                    continue
+            if not after_chord and not _contracts(violations):
+                break
+            moved, after_chord = self._step(point, at), False
+            if moved is None:
+                break
+            point = moved
+        rows = 0 if self.keep is None else int(self.keep.sum())
+        return Nearest(point, feasible, at, self.excess, self.steps, self.inner, rows)
+
+    def _values(self, point: Any) -> Evaluation:
+        at = self.program.evaluate(point)
+        count = self.program.nonlinear
+        if self.excess is None and at.inequalities[:count].max(initial=0.0) < EXCESS_BELOW:
+            lin = self.program.linearize(point)
+            raw = self.program.excess(point, lin, fine=False)
+            if raw is not None:
+                self.excess = EXCESS_FACTOR * raw + EXCESS_GUARD
+        return self._added(at)
+
+    def _added(self, at: Evaluation) -> Evaluation:
+        if self.excess is None:
+            return at
+        inequalities = at.inequalities.copy()
+        inequalities[: len(self.excess)] += self.excess
+        return Evaluation(at.objective, at.tie_breaker, at.equalities, inequalities)
+
+    def _step(self, point: Any, at: Evaluation) -> Any | None:
+        """Point after the shortest step onto the linearised constraints; None if there is none."""
+        program = self.program
+        lin = program.linearize(point)
+        reach = NEAR + (REACH * at.violation if self.keep is None else 0.0)
+        keep = at.inequalities > -reach
+        if self.keep is not None:
+            keep |= self.keep
+        keep |= program.decisive(point, early=False)
+        keep[-1] = False  # the objective's own bound
+        tolerance = np.clip(QP_SHARE * at.violation, LEAST_TOLERANCE, LARGEST_TOLERANCE)
+        missed = max(1e-7, MISSED * at.violation)
+        A = None if lin.A is None else _without_last(lin.A)
+        for _ in range(ROUNDS):
+            C = _without_last(lin.C.selected(keep))
+            qp = QP(self.H, np.zeros(program.size - 1), A, -at.equalities, C, -at.inequalities[keep])
+            solution = self.backend.solve(qp, tolerance=float(tolerance), iterations=INNER)
+            self.steps, self.inner = self.steps + 1, self.inner + solution.iterations
+            if not (solution.solved and solution.is_finite()):
+                return None
+            step = np.append(solution.x, 0.0)
+            predicted = lin.C @ step + at.inequalities
+            over = (predicted > missed) & ~keep
+            over[-1] = False
+            if not over.any():
+                break
+            keep = keep | (predicted > -NEAR)
+            keep[-1] = False
+        self.keep = keep
+        self.chord = lin, point, None, step
+        return program.moved(lin, point, step)
+
+    def _chord_step(self, at: Evaluation) -> Any | None:
+        """Point after the last program, solved again with the values that its step led to."""
+        assert self.chord is not None
+        assert self.keep is not None
+        lin, point, _, step = self.chord
+        u = -(at.inequalities - lin.C @ step)[self.keep]
+        b = -at.equalities if lin.A is None else lin.A @ step - at.equalities
+        solution = self.backend.solve_again(u, b)
+        self.steps, self.inner = self.steps + 1, self.inner + solution.iterations
+        if not solution.solved:
+            return None
+        return self.program.moved(lin, point, np.append(solution.x, 0.0))
+
+
+def _contracts(violations: list[float]) -> bool:
+    """Whether the last step lowered the violation enough to go on."""
+    if len(violations) < 2:
+        return True
+    before, now = violations[-2:]
+    if len(violations) == 2:
+        return now <= FIRST_CONTRACTION * before or now <= SMALL
+    return now <= CONTRACTION * before
+
+
+def _without_last(matrix: Any, *, square: bool = False) -> Any:
+    """A CSC matrix without its last column, and without its last row if it is square."""
+    end = matrix.indptr[-2]
+    shape = (matrix.shape[0] - (1 if square else 0), matrix.shape[1] - 1)
+    parts = (matrix.data[:end], matrix.indices[:end], matrix.indptr[:-1])
+    return type(matrix)(parts, shape=shape)
