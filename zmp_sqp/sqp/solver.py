@@ -284,9 +284,9 @@ class SQP:
         def is_enough(at: Evaluation, length: float) -> bool:
             return penalty.merit(at, count) <= start - length * promised + noise
 
-        def linearized(point: Any, length: float, corrected: bool = False) -> _Found:
+        def linearized(point: Any, length: float, corrections: int = 0) -> _Found:
             found = _with(program.linearize(point), iterate.excess)
-            return _Found(point, found, length, corrected)
+            return _Found(point, found, length, corrections)
 
         full = linearized(program.moved(lin, iterate.point, direction.step), 1.0)
         closes = iterate.finishing and is_feasible(
@@ -296,7 +296,7 @@ class SQP:
             return full
         end, step = full.lin.at, direction.step
         corrections = MOST_CORRECTIONS if end.violation > iterate.violation and not relaxed else 0
-        for _ in range(corrections):
+        for count_of in range(1, corrections + 1):
             if not end.is_finite():
                 break
             before = end.violation
@@ -307,7 +307,7 @@ class SQP:
             point = program.moved(lin, iterate.point, step)
             end = _added(program.evaluate(point), iterate.excess)
             if is_enough(end, 1.0):
-                return linearized(point, 1.0, corrected=True)
+                return linearized(point, 1.0, count_of)
             if not end.violation <= 0.5 * before:
                 break
         length = 0.5
@@ -376,7 +376,7 @@ class SQP:
     ) -> CurvatureModel:
         """Model with less of the negative curvature clipped after a step that went well."""
         model = iterate.model
-        if found.corrected or found.length < 1.0 or direction.inner > HARD:
+        if found.corrections > 1 or found.length < 1.0 or direction.inner > HARD:
             clipped = min(1.0, max(LEAST_CLIPPED_LATER, 2.0 * model.clipped))
             return replace(model, clipped=clipped)
         if model.held:
@@ -455,7 +455,7 @@ class SQP:
         direction: Direction | None = None,
     ) -> Iterate:
         """The same point with another model, which counts as an iteration."""
-        stays = _Found(iterate.point, iterate.lin, 0.0, False)
+        stays = _Found(iterate.point, iterate.lin, 0.0, 0)
         counted = replace(changed, number=iterate.number + 1)
         self._record(counted, direction, subproblem, stays, relaxed=False)
         return counted
@@ -476,7 +476,7 @@ class SQP:
             rows=int(subproblem.keep.sum()),
             relaxed=relaxed,
             curvature=bool(iterate.z.any()),
-            corrected=found.corrected,
+            corrected=found.corrections > 0,
             objective=iterate.lin.at.objective,
             violation=iterate.violation,
             step=found.length,
@@ -489,12 +489,12 @@ class SQP:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Found:
-    """An accepted point, its expansion, the length of the step, and whether it was corrected."""
+    """An accepted point, its expansion, the length of the step, and how often it was corrected."""
 
     point: Any
     lin: Linearization
     length: float
-    corrected: bool
+    corrections: int
 
 
 def _relative_change(before: float, after: float) -> float:
