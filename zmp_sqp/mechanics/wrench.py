@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -33,16 +34,41 @@ class EffortDerivatives:
 
     Attributes:
         effort: Shape (K, R) with R = 6 or 6 + n.
-        wrt_position: Derivatives by the joint coordinates, shape (K, R, n).
-        wrt_velocity: Derivatives by (root twist, joint rates), shape (K, R, 6 + n).
-        wrt_acceleration: Derivatives by (spatial acceleration of the root, joint accelerations),
-            shape (K, R, 6 + n).
+        by_q, by_v, by_a: Derivatives by Pinocchio's coordinates, rates and accelerations, shape
+            (K, R, nv) each.
+        joints: Their columns of the planned joints.
     """
 
     effort: Array
-    wrt_position: Array
-    wrt_velocity: Array
-    wrt_acceleration: Array
+    by_q: Array
+    by_v: Array
+    by_a: Array
+    joints: Any
+
+    @property
+    def wrt_position(self) -> Array:
+        """Derivatives by the joint coordinates, shape (K, R, n)."""
+        return np.asarray(self.by_q[:, :, self.joints])
+
+    @property
+    def wrt_rate(self) -> Array:
+        """Derivatives by the joint rates, shape (K, R, n)."""
+        return np.asarray(self.by_v[:, :, self.joints])
+
+    @property
+    def wrt_joint_acceleration(self) -> Array:
+        """Derivatives by the joint accelerations, shape (K, R, n)."""
+        return np.asarray(self.by_a[:, :, self.joints])
+
+    @property
+    def wrt_velocity(self) -> Array:
+        """Derivatives by (root twist, joint rates), shape (K, R, 6 + n)."""
+        return np.concatenate([self.by_v[:, :, :WRENCH], self.wrt_rate], axis=2)
+
+    @property
+    def wrt_acceleration(self) -> Array:
+        """Derivatives by (spatial acceleration of the root, joint accelerations), (K, R, 6 + n)."""
+        return np.concatenate([self.by_a[:, :, :WRENCH], self.wrt_joint_acceleration], axis=2)
 
     @property
     def wrench(self) -> Array:
@@ -176,28 +202,35 @@ def effort_derivatives(
     """
     states = _stack(machine, q, v, a, root_velocity, root_acceleration)
     rows = _rows(machine, joints)
-    pick = slice(0, WRENCH) if rows is None else rows
     model, data = machine.model, machine.model.createData()
-    count, size = len(states[0]), WRENCH if rows is None else len(rows)
+    count, size, nv = len(states[0]), WRENCH if rows is None else len(rows), model.nv
     effort = np.empty((count, size))
-    by_q, by_v = np.empty((2, count, size, model.nv))
-    by_a = np.empty((count, size if rows is None else model.nv, model.nv))
+    by_q, by_v = np.empty((2, count, size, nv))
+    by_a = np.empty((count, WRENCH if rows is None else nv, nv))
     differentiate = pin.computeRNEADerivatives
-    # views of the memory that Pinocchio writes into
+    # views of the memory that Pinocchio writes into; M's lower triangle stays empty
     tau, dtau_dq, dtau_dv, mass = data.tau, data.dtau_dq, data.dtau_dv, data.M
+    if rows is None:
+        tau, dtau_dq, dtau_dv = tau[:WRENCH], dtau_dq[:WRENCH], dtau_dv[:WRENCH]
+        mass = mass[:WRENCH]
     for row, (one_q, one_v, one_a) in enumerate(zip(*states, strict=True)):
         differentiate(model, data, one_q, one_v, one_a)
-        effort[row] = tau[pick]
-        by_q[row] = dtau_dq[pick]
-        by_v[row] = dtau_dv[pick]
-        by_a[row] = mass[: by_a.shape[1]]
+        effort[row] = tau if rows is None else tau[rows]
+        by_q[row] = dtau_dq if rows is None else dtau_dq[rows]
+        by_v[row] = dtau_dv if rows is None else dtau_dv[rows]
+        by_a[row] = mass
     lower = np.tril_indices(by_a.shape[1], -1)
-    by_a[:, lower[0], lower[1]] = by_a[:, lower[1], lower[0]]  # Pinocchio fills M's upper triangle
+    by_a[:, lower[0], lower[1]] = by_a[:, lower[1], lower[0]]
     if rows is not None:
         by_a = by_a[:, rows]
-    columns = np.concatenate([np.arange(WRENCH), machine.index_v])
-    by_joints = by_q[:, :, machine.index_v]
-    return EffortDerivatives(effort, by_joints, by_v[:, :, columns], by_a[:, :, columns])
+    return EffortDerivatives(effort, by_q, by_v, by_a, _columns(machine))
+
+
+def _columns(machine: Machine) -> Any:
+    """Columns of the planned joints in Pinocchio's rates: a slice where they are in order."""
+    index = machine.index_v
+    in_order = np.array_equal(index, np.arange(WRENCH, WRENCH + len(index)))
+    return slice(WRENCH, WRENCH + len(index)) if in_order else index
 
 
 def _rows(machine: Machine, joints: bool) -> Indices | None:

@@ -116,21 +116,29 @@ def effort_curvature(sample: StageSample, weights: Array) -> Array:
     model: StageModel = sample.model
     q, w, alpha = sample.q, sample.w, sample.alpha
     count, n = q.shape
+    by_momentum = model.has_momentum_rate and weights.shape[1] == WRENCH
+    still, one = np.zeros((1, n)), np.eye(n)
     # by q with a small step; efforts are quadratic in w, so any step is exact there
-    steps_q = np.vstack([np.zeros((1, n)), DIFFERENCE * np.eye(n), np.zeros((n, n))])
-    steps_w = np.vstack([np.zeros((1 + n, n)), np.eye(n)])
+    steps_q, steps_w = np.vstack([still, DIFFERENCE * one]), np.zeros((1 + n, n))
+    if not by_momentum:
+        steps_q, steps_w = np.vstack([steps_q, 0.0 * one]), np.vstack([steps_w, one])
     shifted_q = (q[:, None] + steps_q).reshape(-1, n)
     shifted_w = (w[:, None] + steps_w).reshape(-1, n)
     repeated = np.repeat(alpha, len(steps_q), axis=0)
     where = None if sample.positions is None else np.repeat(sample.positions, len(steps_q), axis=0)
     _, jacobian = model.effort_derivatives(shifted_q, shifted_w, repeated, sample.S, where)
     jacobian = jacobian[:, :, : 3 * n + 1].reshape(count, len(steps_q), -1, 3 * n + 1)
-    gradient = np.einsum("kr,kprj->kpj", weights, jacobian)
+    gradient = (weights[:, None, None] @ jacobian)[:, :, 0]
     change = gradient[:, 1:] - gradient[:, :1]
     H = np.zeros((count, 3 * n + 1, 3 * n + 1))
     H[:, :n] = change[:, :n] / DIFFERENCE
     H[:, :n, :n] = 0.5 * (H[:, :n, :n] + H[:, :n, :n].transpose(0, 2, 1))
     H[:, n:, :n] = H[:, :n, n:].transpose(0, 2, 1)
-    by_rates = change[:, n:, n : 2 * n]
-    H[:, n : 2 * n, n : 2 * n] = 0.5 * (by_rates + by_rates.transpose(0, 2, 1))
+    if by_momentum:
+        # d^2 (A(q) w) w / dw^2, from the derivatives of A, those by alpha, by q
+        by_rates = H[:, :n, 2 * n : 3 * n]
+        H[:, n : 2 * n, n : 2 * n] = by_rates + by_rates.transpose(0, 2, 1)
+    else:
+        by_rates = change[:, n:, n : 2 * n]
+        H[:, n : 2 * n, n : 2 * n] = 0.5 * (by_rates + by_rates.transpose(0, 2, 1))
     return H

@@ -44,6 +44,13 @@ class StageModel(Protocol):
         """Number n of planning coordinates."""
 
     @property
+    def has_momentum_rate(self) -> bool:
+        """Whether the wrench is the rate of momentum A(q) v in the root frame, plus gravity.
+
+        Then its second derivatives by the rates are those of A by the coordinates.
+        """
+
+    @property
     def coordinates(self) -> Coordinates:
         """From the planning coordinates (without those of a base) to the joints."""
 

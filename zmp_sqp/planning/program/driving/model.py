@@ -40,6 +40,9 @@ class DrivingModel:
     terrain: Terrain
     joint_efforts: bool = False
 
+    # the root frame moves, so that the wrench in its axes is not the rate of momentum there
+    has_momentum_rate = False
+
     @property
     def size(self) -> int:
         """Number of coordinates: the joints and two."""
