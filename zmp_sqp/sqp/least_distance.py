@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -31,7 +31,7 @@ SMALL = 3e-2  # violation after the first step that may contract less
 CHORD = 2e-3  # violation from which on the last program is solved again with the values found
 EXCESS_BELOW = 1e-3  # violation below which rows between their places are looked at
 EXCESS_FACTOR, EXCESS_GUARD = 1.05, 2e-6
-QP_SHARE, LEAST_TOLERANCE, LARGEST_TOLERANCE = 1e-3, 1e-8, 1e-4
+QP_SHARE, LEAST_TOLERANCE, LARGEST_TOLERANCE = 1e-2, 1e-8, 1e-3
 EQUALITY = 2e-7
 
 
@@ -65,7 +65,9 @@ class Nearest:
     rows: int
 
 
-def nearest_feasible(program: MetricProgram, point: Any, backend: QPBackend) -> Nearest:
+def nearest_feasible(
+    program: MetricProgram, point: Any, backend: QPBackend, *, enough: float = 0.0
+) -> Nearest:
     r"""Feasible point with the objective of a given one, by shortest steps.
 
     .. math:: \min d^T H d \quad \text{s.t.} \quad c_E + A d = 0, \; c_I + C d \le 0, \; d_n = 0
@@ -77,16 +79,17 @@ def nearest_feasible(program: MetricProgram, point: Any, backend: QPBackend) -> 
         program: The program.
         point: From where to start.
         backend: Solves quadratic programs.
+        enough: Violation with which the search may end; 0 asks for a feasible point.
     """
-    search = _Search(program, backend)
+    search = _Search(program, backend, enough)
     return search.run(point)
 
 
 class _Search:
     """State of one search."""
 
-    def __init__(self, program: MetricProgram, backend: QPBackend) -> None:
-        self.program, self.backend = program, backend
+    def __init__(self, program: MetricProgram, backend: QPBackend, enough: float) -> None:
+        self.program, self.backend, self.enough = program, backend, enough
         self.H = _without_last(program.metric(), square=True)
         self.keep: Mask | None = None
         self.excess: Array | None = None
@@ -99,7 +102,7 @@ class _Search:
         while True:
             at = self._values(point)
             violations.append(at.violation)
-            feasible = is_feasible(at, program.tolerance, EQUALITY)
+            feasible = is_feasible(at, program.tolerance, EQUALITY) or at.violation <= self.enough
             if feasible or self.steps >= STEPS or not at.is_finite():
                 break
             if self.chord is not None and at.violation <= CHORD and not after_chord:
@@ -119,9 +122,8 @@ class _Search:
     def _values(self, point: Any) -> Evaluation:
         at = self.program.evaluate(point)
         count = self.program.nonlinear
-        if self.excess is None and at.inequalities[:count].max(initial=0.0) < EXCESS_BELOW:
-            lin = self.program.linearize(point)
-            raw = self.program.excess(point, lin, fine=False)
+        if self.enough == 0.0 and self.excess is None and at.inequalities[:count].max(initial=0.0) < EXCESS_BELOW:
+            raw = self.program.excess(point, at, fine=False)
             if raw is not None:
                 self.excess = EXCESS_FACTOR * raw + EXCESS_GUARD
         return self._added(at)
@@ -131,7 +133,7 @@ class _Search:
             return at
         inequalities = at.inequalities.copy()
         inequalities[: len(self.excess)] += self.excess
-        return Evaluation(at.objective, at.tie_breaker, at.equalities, inequalities)
+        return replace(at, inequalities=inequalities)
 
     def _step(self, point: Any, at: Evaluation) -> Any | None:
         """Point after the shortest step onto the linearised constraints; None if there is none."""

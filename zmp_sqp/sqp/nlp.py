@@ -26,12 +26,14 @@ class Evaluation:
             minimised.
         equalities: Shape (p,); feasible iff zero.
         inequalities: Shape (m,), the nonlinear ones first; feasible iff not positive.
+        memory: What the program keeps for `excess`.
     """
 
     objective: float
     tie_breaker: float
     equalities: Array
     inequalities: Array
+    memory: Any = None
 
     @property
     def violation(self) -> float:
@@ -122,14 +124,14 @@ class NonlinearProgram(Protocol):
             early: Whether it is one of the first iterations.
         """
 
-    def excess(self, point: Any, lin: Linearization, *, fine: bool) -> Array | None:
+    def excess(self, point: Any, at: Evaluation, *, fine: bool) -> Array | None:
         """What nonlinear rows exceed their values by between the places they are imposed at.
 
         Shape (nonlinear,), not negative; None if there is no between.
 
         Args:
             point: The point.
-            lin: The expansion there.
+            at: Values there.
             fine: Whether to look closely.
         """
 

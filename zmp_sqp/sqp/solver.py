@@ -398,7 +398,7 @@ class SQP:
         if not late and iterate.excess is None:
             return iterate
         fine = iterate.finishing or change < settings.converged
-        raw = program.excess(iterate.point, iterate.lin, fine=fine)
+        raw = program.excess(iterate.point, iterate.lin.at, fine=fine)
         if raw is None:
             return iterate
         old = iterate.excess

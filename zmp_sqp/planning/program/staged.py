@@ -58,7 +58,6 @@ class _Memory:
         motion: The point.
         states: (q, w, alpha) at starts, ends and middles, shape (3N, n) each.
         places: Positions of a base there, shape (3N, 2), or None.
-        values: Nonlinear rows there, shape (3N, E).
         by_ends: What given rates at both ends add to sigma's column, by inequality, (m,).
         drive: Displacements of a base in the intervals, or None.
     """
@@ -66,7 +65,6 @@ class _Memory:
     motion: Motion
     states: tuple[Array, Array, Array]
     places: Array | None
-    values: Array
     by_ends: Array
     drive: Any
 
@@ -210,10 +208,11 @@ class StagedProgram:
     def evaluate(self, point: Motion) -> Evaluation:
         """Values at a motion."""
         if not point.sigma > 0.0:
-            return self._evaluation(point, np.full((3 * self.grid.size, self.rows.count), np.nan))
+            nothing = np.full((3 * self.grid.size, self.rows.count), np.nan)
+            return self._evaluation(point, nothing, None)
         states, places, _ = self._samples(point)
         S = point.sigma * self.reference**2
-        return self._evaluation(point, self.rows.evaluate(*states, S, places))
+        return self._evaluation(point, self.rows.evaluate(*states, S, places), places)
 
     def linearize(self, point: Motion) -> Linearization:
         """Values and first derivatives at a motion."""
@@ -238,8 +237,8 @@ class StagedProgram:
             A = self._patterns.A.matrix(
                 self._patterns.A.data(np.concatenate([moves.ravel(), identity]))
             )
-        memory = _Memory(point, states, places, values, by_ends, drive)
-        at = self._evaluation(point, values)
+        memory = _Memory(point, states, places, by_ends, drive)
+        at = self._evaluation(point, values, places)
         return Linearization(at, self._gradient(point), A, C, memory)
 
     def hessian(
@@ -284,22 +283,22 @@ class StagedProgram:
         mask[self.nonlinear : self.nonlinear + len(sides)] = sides
         return mask
 
-    def excess(self, point: Motion, lin: Linearization, *, fine: bool) -> Array | None:
+    def excess(self, point: Motion, at: Evaluation, *, fine: bool) -> Array | None:
         """What rows exceed the parabola through start, middle and end by, inside the intervals."""
-        memory: _Memory = lin.memory
+        values, at_places = at.memory
         N, shares = self.grid.size, INSIDE_FINE if fine else INSIDE
         q, w, controls, S = self.unpack(point)
         states = [self.grid.within(s, q[:-1], w[:-1], controls) for s in shares]
         stacked = tuple(np.vstack(parts) for parts in zip(*states, strict=True))
         places = None
-        if memory.places is not None:
-            p0, p1, middle = (memory.places[i * N : (i + 1) * N] for i in range(3))
+        if at_places is not None:
+            p0, p1, middle = (at_places[i * N : (i + 1) * N] for i in range(3))
             places = np.vstack([_parabola(s, p0, p1, middle) for s in shares])
         found = self.rows.evaluate(*stacked, S, places).reshape(len(shares), N, -1)
-        start, end, middle = memory.values.reshape(3, N, -1)
+        start, end, middle = values.reshape(3, N, -1)
         most = np.zeros((N, self.rows.count))
-        for s, values in zip(shares, found, strict=True):
-            most = np.maximum(most, values - _parabola(s, start, end, middle))
+        for s, inside in zip(shares, found, strict=True):
+            most = np.maximum(most, inside - _parabola(s, start, end, middle))
         return np.repeat(most[:, None], POINTS, axis=1).ravel()
 
     def optimality_gap(self, point: Motion) -> float:
@@ -326,7 +325,7 @@ class StagedProgram:
             return states, None, drive
         return states, np.vstack([p[:-1], p[1:], p[:-1] + drive.half]), drive
 
-    def _evaluation(self, point: Motion, values: Array) -> Evaluation:
+    def _evaluation(self, point: Motion, values: Array, places: Array | None) -> Evaluation:
         N = self.grid.size
         start, end, middle = values.reshape(3, N, -1)
         nonlinear = np.stack([start, end, 2.0 * middle - 0.5 * (start + end)], axis=1)
@@ -337,7 +336,7 @@ class StagedProgram:
             missed[-2:] = point.states[-1, self.stages.places] - self.drive.goal
         tie = 0.5 * self.tie * float(np.sum(point.controls**2))
         inequalities = np.concatenate([nonlinear.ravel(), limits])
-        return Evaluation(point.sigma, tie, missed, inequalities)
+        return Evaluation(point.sigma, tie, missed, inequalities, (values, places))
 
     def _gradient(self, point: Motion) -> Array:
         """Of sigma and the tie breaker by the variables."""

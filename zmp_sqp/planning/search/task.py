@@ -59,7 +59,6 @@ class Task:
         bounds: Limits of the coordinates.
         constraints: The path constraints, bound to the machine at every corner.
         lower_bound: No motion within the limits of joints and base is shorter [s].
-        grid_bound: Nor one with an acceleration per interval of the grid; 0 if unknown [s].
     """
 
     problem: Problem
@@ -68,12 +67,15 @@ class Task:
     bounds: PathBounds
     constraints: BoundConstraints
     lower_bound: float
-    grid_bound: float
 
     @property
     def least(self) -> float:
         """Least duration with an acceleration per interval, from rest to rest [s]."""
-        return max(self.lower_bound, self.grid_bound)
+        return max(self.lower_bound, self.bound_on(self.problem.intervals))
+
+    def bound_on(self, intervals: int) -> float:
+        """Least duration with an acceleration per interval; 0 from or to motion [s]."""
+        return grid_bound(self.start, self.goal, self.bounds, intervals)
 
     def program(
         self,
@@ -170,5 +172,4 @@ def task_of(problem: Problem) -> Task:
             goal_velocity=problem.goal_velocity,
         ),
     )
-    on_grid = grid_bound(start, goal, bounds, problem.intervals)
-    return Task(problem, start, goal, bounds, bound_constraints(problem), lower_bound, on_grid)
+    return Task(problem, start, goal, bounds, bound_constraints(problem), lower_bound)
