@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+from collections import OrderedDict
 from dataclasses import dataclass
 from typing import Any
 
@@ -147,14 +149,11 @@ def efforts(
         shape (K, 6 + n), or (K, 6) without the joints [N m, N].
     """
     states = _stack(machine, q, v, a, root_velocity, root_acceleration)
+    found = np.empty((len(states[0]), machine.model.nv))
+    # one thread; arrays are passed as the columns that Pinocchio expects, without a copy
+    pin.rneaInParallel(1, _workspace(machine.model).pool, *(part.T for part in states), found.T)
     rows = _rows(machine, joints)
-    model, data = machine.model, machine.model.createData()
-    found = np.empty((len(states[0]), WRENCH if rows is None else len(rows)))
-    rnea = pin.rnea
-    for row, (one_q, one_v, one_a) in enumerate(zip(*states, strict=True)):
-        all_rows = rnea(model, data, one_q, one_v, one_a)
-        found[row] = all_rows[:WRENCH] if rows is None else all_rows[rows]
-    return found
+    return found[:, :WRENCH] if rows is None else found[:, rows]
 
 
 def ground_reaction_derivatives(
@@ -202,7 +201,7 @@ def effort_derivatives(
     """
     states = _stack(machine, q, v, a, root_velocity, root_acceleration)
     rows = _rows(machine, joints)
-    model, data = machine.model, machine.model.createData()
+    model, data = machine.model, _workspace(machine.model).data
     count, size, nv = len(states[0]), WRENCH if rows is None else len(rows), model.nv
     effort = np.empty((count, size))
     by_q, by_v = np.empty((2, count, size, nv))
@@ -224,6 +223,39 @@ def effort_derivatives(
     if rows is not None:
         by_a = by_a[:, rows]
     return EffortDerivatives(effort, by_q, by_v, by_a, _columns(machine))
+
+
+@dataclass(frozen=True, slots=True)
+class _Workspace:
+    """Memory of Pinocchio for one model."""
+
+    model: Any
+    data: Any
+    pool: Any
+
+
+class _Workspaces(threading.local):
+    """The latest workspaces of a thread: threads must not share them."""
+
+    def __init__(self) -> None:
+        self.latest: OrderedDict[int, _Workspace] = OrderedDict()
+
+
+MOST_WORKSPACES = 64  # per thread; a problem with uncertain payloads has a model for each of them
+_WORKSPACES = _Workspaces()
+
+
+def _workspace(model: Any) -> _Workspace:
+    """Memory for a model, made once per thread."""
+    latest = _WORKSPACES.latest
+    found = latest.get(id(model))
+    if found is None:  # holding the model keeps its identity from being reused
+        found = latest[id(model)] = _Workspace(model, model.createData(), pin.ModelPool(model, 1))
+        if len(latest) > MOST_WORKSPACES:
+            latest.popitem(last=False)
+    else:
+        latest.move_to_end(id(model))
+    return found
 
 
 def _columns(machine: Machine) -> Any:
