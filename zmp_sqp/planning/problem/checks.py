@@ -43,6 +43,15 @@ class Range(NamedTuple):
     unit: str
 
 
+class _Limits(NamedTuple):
+    """Limits of one joint [rad or m, s]."""
+
+    lower: float
+    upper: float
+    velocity: float
+    acceleration: float
+
+
 # intervals times joints: the dense form of the QPs needs memory in its square, here 2 GB
 MOST_ACCELERATIONS = 10_000
 UNCERTAINTIES = (
@@ -193,15 +202,6 @@ def check_boundary_state(name: str, machine: Machine, q: Array, v: Array) -> Non
     for i, joint in enumerate(machine.joint_names):
         one = _one_joint(machine.limits, i)
         _check_joint(name, joint, machine.joint_units[i], one, q=float(q[i]), v=float(v[i]))
-
-
-class _Limits(NamedTuple):
-    """Limits of one joint [rad or m, s]."""
-
-    lower: float
-    upper: float
-    velocity: float
-    acceleration: float
 
 
 def _one_joint(limits: JointLimits, i: int) -> _Limits:

@@ -153,10 +153,12 @@ def check_at_rest(
 def _tips_over_at_rest(name: str, corner: Corner, zmp: _RestingZmp, margin: float) -> str:
     """Sentence about a pose at rest whose ZMP is outside the polygon or misses the margin."""
     fault = "tips over" if zmp.distance < 0.0 else f"misses the margin of {margin:.10g} m"
-    place = zmp_position(supported(corner.machine), zmp.edge, distance=zmp.distance, margin=margin)
+    position = zmp_position(
+        supported(corner.machine), zmp.edge, distance=zmp.distance, margin=margin
+    )
     return (
         f"the machine {fault} at rest at the {name}{_extreme(corner)}: "
-        f"its ZMP ({zmp.point[0]:.3f}, {zmp.point[1]:.3f}) m {place}"
+        f"its ZMP ({zmp.point[0]:.3f}, {zmp.point[1]:.3f}) m {position}"
     )
 
 

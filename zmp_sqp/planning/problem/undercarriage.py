@@ -56,8 +56,8 @@ class Undercarriage(Protocol):
             times: Nodes, shape (N+1,) [s].
             yaw: Yaw at the nodes, shape (N+1,) [rad].
             rates: Speed and yaw rate at the nodes, shape (N+1, b) [m/s, rad/s].
-            accelerations: Their derivatives at the start of each interval, shape (N, b) [m/s^2,
-                rad/s^2].
+            accelerations: Derivatives of the rates at the start of each interval, shape (N, b)
+                [m/s^2, rad/s^2].
             jerks: Constant second derivatives of the rates on each interval, shape (N, b)
                 [m/s^3, rad/s^3].
         """
@@ -210,7 +210,7 @@ def undercarriage_of(base: UnicycleBase | None, ground: Ground) -> Undercarriage
         ground: Ground under it.
 
     Raises:
-        ProblemError: `base` is not a UnicycleBase, or the ground is none that a base can drive on.
+        ProblemError: `base` is not a UnicycleBase, or no base can drive on the ground.
     """
     if base is None:
         return Standing(ground)
