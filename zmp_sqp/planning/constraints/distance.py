@@ -30,9 +30,10 @@ LEAST_COSINE = 1e-2
 class DistanceLimits:
     """Bounds on the distance d of the lumped mass from the slew axis (Song & Sharf 2020, eq. (20)).
 
-    They replace the limits of boom, stick and levelling joint in the program. The authors tighten
-    them by hand until the joints stay within their own limits, and so must the user: a plan whose
-    joints exceed their limits has no success, with `Status.JOINT_LIMITS`.
+    In the program they replace the limits of boom, stick and levelling joint, except the position
+    limits of the boom. The authors tighten them by hand until the joints stay within their own
+    limits, and so must the user: a plan whose joints exceed their limits has no success, with
+    `Status.JOINT_LIMITS`.
 
     Attributes:
         velocity: Largest |d'| [m/s].

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from zmp_sqp.errors import ProblemError, ZmpSqpError
-from zmp_sqp.mechanics.ground import Slope
+from zmp_sqp.mechanics.ground import Ground, Slope
 from zmp_sqp.planning.problem.problem import Problem
 from zmp_sqp.planning.problem.statics import gentler, largest_share, tilt_of
 from zmp_sqp.planning.search.answer import Plan, Status
@@ -79,10 +79,7 @@ def diagnose(
     if found.status is Status.TERRAIN:  # the path is at fault, not payload or slope
         return Diagnosis(found.message, None, None, checked.margin_at, np.inf, "")
 
-    tried: list[str] = []
-
     def works(changed: Callable[[], Problem], words: str) -> bool:
-        tried.append(words)
         progress(words)
         try:
             return plan(changed(), qp_solver=found.qp_solver, time_budget=time_budget).success
@@ -92,7 +89,7 @@ def diagnose(
     payload, slope = _largest_payload(problem, works), _steepest_slope(problem, works)
     support = problem.machine.support
     return Diagnosis(
-        message=f"{found.message}{_advice(payload, slope) if tried else ''}",
+        message=f"{found.message}{_advice(problem, payload, slope)}",
         largest_payload=payload,
         steepest_slope=slope,
         time_outside=checked.margin_at,
@@ -119,7 +116,7 @@ def _largest_payload(problem: Problem, works: Works) -> float | None:
 def _steepest_slope(problem: Problem, works: Works) -> float | None:
     """Tilt of the steepest slope on which a motion was found [rad]; None for no such."""
     ground = problem.ground
-    if not isinstance(ground, Slope) or not (ground.roll or ground.pitch):
+    if not isinstance(ground, Slope) or not _is_inclined(ground):
         return None
 
     def climbs(share: float) -> bool:
@@ -132,13 +129,20 @@ def _steepest_slope(problem: Problem, works: Works) -> float | None:
     return None if share is None else tilt_of(gentler(ground, share))
 
 
-def _advice(payload: float | None, slope: float | None) -> str:
-    """Sentence to append: payload [kg] and slope [rad] with which a motion was found."""
+def _is_inclined(ground: Ground) -> bool:
+    """Whether the ground is a slope that a gentler one can replace."""
+    return isinstance(ground, Slope) and bool(ground.roll or ground.pitch)
+
+
+def _advice(problem: Problem, payload: float | None, slope: float | None) -> str:
+    """Sentence to append: payload [kg] and slope [rad] with which a motion was found, or none."""
     parts = []
     if payload is not None:
         parts.append(f"the payload could be {np.floor(payload):.0f} kg")
     if slope is not None:
         parts.append(f"the slope could be {np.floor(10.0 * np.degrees(slope)) / 10.0:.1f} degrees")
-    if not parts:
-        return " With less payload, or on a gentler slope, no motion was found either."
-    return f" For this goal {', or '.join(parts)}."
+    if parts:
+        return f" For this goal {', or '.join(parts)}."
+    tried = ["with less payload"] if problem.machine.payload_mass > 0.0 else []
+    tried += ["on a gentler slope"] if _is_inclined(problem.ground) else []
+    return f" No motion was found {' or '.join(tried)} either." if tried else ""
