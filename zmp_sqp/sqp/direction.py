@@ -97,10 +97,10 @@ class Subproblem:
                 return None
             predicted = lin.C @ solution.x + values
             over = (predicted > missed) & ~keep
-            if not over.any():
+            if not over.any() or not (over & (leading := lin.C.leading(predicted))).any():
                 break
             if not last:
-                keep, warm = keep | (predicted > -ADDED), None
+                keep, warm = keep | ((predicted > -ADDED) & leading), None
         self.keep = keep
         return self._direction(solution, predicted, 0.0)
 
