@@ -38,9 +38,9 @@ HARD = 28  # inner iterations of a program that was hard to solve
 NEAR = 0.05
 FIRST_NEAR = 0.1
 RELAXED_NEAR = 0.5
-DECISIVE_ABOVE = 3e-4  # violation from which on the program's decisive rows take part
+DECISIVE_ABOVE = 3e-3  # violation from which on the program's decisive rows take part
 # tolerance of quadratic programs: a share of the violation within bounds
-QP_SHARE, LEAST_TOLERANCE, LARGEST_TOLERANCE = 1e-3, 1e-8, 1e-4
+QP_SHARE, LEAST_TOLERANCE, LARGEST_TOLERANCE = 1e-2, 1e-8, 1e-4
 LARGEST_DAMPING, LARGEST_QP_DAMPING = 1e2, 10.0
 LARGEST_PRICE = 1e5
 # infeasible: over so many relaxed steps the violation has not fallen below this share of itself
