@@ -39,7 +39,8 @@ def bound_constraints(problem: Problem) -> BoundConstraints:
         joint_efforts = any(part.needs_joint_efforts for part in rows)
         model = _stage_model(problem, corner, joint_efforts=joint_efforts)
         named = tuple(zip(names, rows, strict=True))
-        corners.append(CornerRows(model, tuple(pair for pair in named if pair[1].per_corner)))
+        own = tuple(pair for pair in named if pair[1].per_corner)
+        corners.append(CornerRows(model, own, corner.spread))
         common = common or tuple(pair for pair in named if not pair[1].per_corner)
     return BoundConstraints(tuple(corners), common)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -28,10 +28,12 @@ class CornerRows:
     Attributes:
         model: The machine at this corner.
         rows: Rows that depend on payload or slope, with the names of their constraints.
+        spread: Of the payload's centre of mass, see `Corner` [kg m^2].
     """
 
     model: StageModel
     rows: tuple[Named, ...]
+    spread: float = 0.0
 
     @property
     def by_effort(self) -> tuple[EffortRows, ...]:
@@ -80,7 +82,7 @@ class BoundConstraints:
                 for name, rows in named
             )
 
-        corners = tuple(CornerRows(corner.model, drawn_in(corner.rows)) for corner in self.corners)
+        corners = tuple(replace(corner, rows=drawn_in(corner.rows)) for corner in self.corners)
         return BoundConstraints(corners, drawn_in(self.common))
 
     def outside(
@@ -292,6 +294,20 @@ class StageRows:
         )
         by_corner = by_corner.reshape(len(q), len(self.corners), -1, none.shape[2])
         return StageExpansion(self, values, efforts, by_corner, shared)
+
+    @cached_property
+    def by_turning(self) -> Array | None:
+        """What rows owe to `moment_of_spread`, per unit of turning, shape (E,); None if nothing."""
+        spread = np.array([corner.spread for corner in self.corners])
+        if not spread.any():
+            return None
+        turns = np.array([unit == "rad" for unit in self.corners[0].model.machine.joint_units])
+        joints = self.matrices[:, :, WRENCH:]
+        reach = np.linalg.norm(self.matrices[:, :, 3:WRENCH], axis=2)
+        reach = reach + np.abs(joints[:, :, turns[: joints.shape[2]]]).sum(axis=2)
+        none = np.zeros((1, len(self.corners), self.per_corner - self.effort_rows))
+        shared = np.zeros((1, self.count - self.of_corners))
+        return self.assembled((spread[:, None] * reach)[:, None], none, shared)[0]
 
     def assembled(self, of_efforts: Array, others: Array, common: Array) -> Array:
         """Rows in their order, shape (K, E).

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from zmp_sqp.arrays import Array, Indices
+from zmp_sqp.mechanics.bounds.payload_spread import moment_of_spread
 from zmp_sqp.planning.program.corner_jacobian import CornerJacobian
 from zmp_sqp.planning.program.driving.positions import Positions
 from zmp_sqp.planning.program.grid import ENDS, Grid
@@ -96,6 +97,9 @@ class StagedProgram:
     the nodes, and at the middle Bernstein control point 2 r(1/2) - (r(0) + r(1)) / 2 of the parabola
     through start, middle and end, so that this parabola keeps the bound everywhere. Limits
     (`LimitRows`) hold at Bernstein points, that is everywhere.
+
+    Where the centre of mass of a payload may lie anywhere in a box, rows contain what its corners
+    miss (`moment_of_spread`), less than a hundredth of the polygon's size. Derivatives leave it out.
 
     Curvature of the three points of an interval is taken at its middle, with the sum of their
     multipliers: clipping them one by one would keep parts that cancel.
@@ -359,6 +363,8 @@ class StagedProgram:
         N = self.grid.size
         start, end, middle = values.reshape(3, N, -1)
         nonlinear = np.stack([start, end, 2.0 * middle - 0.5 * (start + end)], axis=1)
+        if self.rows.by_turning is not None:
+            nonlinear += self._turning(point)[:, None, None] * self.rows.by_turning
         with np.errstate(invalid="ignore"):
             limits = self.limits.values(point.states, point.controls, point.sigma)
         missed = np.zeros(self.equalities)
@@ -367,6 +373,21 @@ class StagedProgram:
         tie = 0.5 * self.tie * float(np.sum(point.controls**2))
         inequalities = np.concatenate([nonlinear.ravel(), limits])
         return Evaluation(point.sigma, tie, missed, inequalities, (values, places))
+
+    def _turning(self, point: Motion) -> Array:
+        """Largest turning of each interval's links as in `moment_of_spread`, times S, shape (N,)."""
+        _, w, controls, _ = self.unpack(point)
+        jerk = np.abs(controls[:, 1] - controls[:, 0])
+        rates = np.maximum(np.abs(w[:-1]), np.abs(w[1:])) + 0.125 * self.grid.steps[:, None] * jerk
+        accelerations = np.abs(controls).max(axis=1)
+        model = self.rows.corners[0].model
+        arm, G = model.coordinates.size, np.abs(model.coordinates.G)
+        base = None
+        if self.drive is not None:
+            base = np.zeros((2, 4, len(rates)))
+            base[1, :2] = rates[:, -1], accelerations[:, -1]
+        joints = (part[:, :arm] @ G.T for part in (rates, accelerations))
+        return moment_of_spread(model.machine, *joints, spread=1.0, base=base)
 
     def _gradient(self, point: Motion) -> Array:
         """Of sigma and the tie breaker by the variables."""
