@@ -169,3 +169,18 @@ def test_of_many_corners_those_with_the_largest_values_lead() -> None:
     least = np.where(leads, by_corner, np.inf).min(axis=2)
     others = np.where(leads, -np.inf, by_corner).max(axis=2)
     assert (least >= others).all()
+
+
+@pytest.mark.parametrize("case", ["drive", "efforts", "user rows"])
+def test_curvature_of_one_corner_is_that_of_its_own_model(case: str) -> None:
+    bound = bound_constraints(problem(case))
+    rows, corner = StageRows(bound, REFERENCE), 11
+    at = states(rows.size, positions=False)[:4]
+    weights = np.zeros((K, len(bound.corners), rows.per_corner))
+    weights[:, corner] = np.random.default_rng(7).uniform(0.0, 1.0, (K, rows.per_corner))
+    weights[2] = 0.0
+    alone = StageRows(BoundConstraints(bound.corners, ()).at([corner]), REFERENCE)
+    expected = alone.curvature(*at, weights[:, corner])
+    common = np.zeros((K, rows.count - rows.of_corners))
+    every = np.hstack([weights.reshape(K, -1), common])
+    check_equal(rows.curvature(*at, every), expected)

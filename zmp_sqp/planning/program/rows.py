@@ -351,37 +351,43 @@ class StageRows:
     ) -> Array:
         """Hessian of `weights . rows` by (q, w, alpha, S), shape (K, 3n + 1, 3n + 1).
 
+        With many corners that of the efforts is taken at the corner whose rows weigh most, with the
+        weights of all corners: payloads and gravities differ by little, and their rows are alike.
+
         Args:
             q, w, alpha, S, positions: As for `StageModel.efforts`.
             weights: Shape (K, E); states whose weights for a group of rows vanish cost nothing.
         """
-        n = self.size
+        n, corners = self.size, len(self.corners)
         H = np.zeros((len(q), 3 * n + 1, 3 * n + 1))
-        at = 0
+        by_corner = weights[:, : self.of_corners].reshape(len(q), corners, self.per_corner)
 
-        def share(count: int) -> tuple[Array, Indices]:
-            nonlocal at
-            part = weights[:, at : at + count]
-            at += count
-            return part, np.flatnonzero(part.any(axis=1))
-
-        def sample(model: StageModel, some: Indices) -> StageSample:
+        def sample(corner: int, some: Indices) -> StageSample:
             where = None if positions is None else positions[some]
+            model = self.corners[corner].model
             return StageSample(model, q[some], w[some], alpha[some], S, where)
 
-        for corner, matrix, others in zip(self.corners, self.matrices, self._others, strict=True):
-            part, some = share(len(matrix))
-            if len(some):
-                H[some] += effort_curvature(sample(corner.model, some), part[some] @ matrix)
-            for rows in others:
-                part, some = share(len(rows.labels))
+        def add(groups: tuple[ConstraintRows, ...], corner: int, parts: Array) -> None:
+            at = 0
+            for rows in groups:
+                part = parts[:, at : at + len(rows.labels)]
+                some = np.flatnonzero(part.any(axis=1))
+                at += len(rows.labels)
                 if len(some):
-                    H[some] += rows.curvature(sample(corner.model, some), part[some] / self.S)
-        for rows in self.common:
-            part, some = share(len(rows.labels))
-            if len(some):
-                first = sample(self.corners[0].model, some)
-                H[some] += rows.curvature(first, part[some] / self.S)
+                    H[some] += rows.curvature(sample(corner, some), part[some] / self.S)
+
+        of_efforts = by_corner[:, :, : self.effort_rows]
+        hardest = of_efforts.sum(axis=2).argmax(axis=1)
+        active = np.flatnonzero(of_efforts.any(axis=(1, 2)))
+        matrix = self.matrices.reshape(corners * self.effort_rows, -1)
+        factors = of_efforts[active].reshape(len(active), -1) @ matrix
+        for corner in np.unique(hardest[active]).tolist():
+            chosen = hardest[active] == corner
+            some = active[chosen]
+            H[some] += effort_curvature(sample(corner, some), factors[chosen])
+        for corner, groups in enumerate(self._others):
+            add(groups, corner, by_corner[:, corner, self.effort_rows :])
+        add(self.common, 0, weights[:, self.of_corners :])
         return H
 
     def _samples(
