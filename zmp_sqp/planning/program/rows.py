@@ -95,14 +95,29 @@ class BoundConstraints:
         Args:
             q, w, alpha, S, positions: As for `StageModel.efforts`.
         """
-        worst = -np.inf
-        for corner in self.corners:
-            wrench = corner.model.efforts(q, w, alpha, S, positions)[:, :WRENCH]
-            if wrench[:, 2].min() <= 0.0:
-                return np.inf
-            for rows in corner.tip_over:
-                worst = max(worst, float(rows.outside(wrench).max()))
-        return worst
+        return float(self.outside_by_corner(q, w, alpha, S, positions).max())
+
+    def outside_by_corner(
+        self, q: Array, w: Array, alpha: Array, S: float, positions: Array | None = None
+    ) -> Array:
+        """How far the zero moment point is beyond its margin at most, at each corner, (V,) [m].
+
+        Infinite where the ground would have to pull.
+
+        Args:
+            q, w, alpha, S, positions: As for `StageModel.efforts`.
+        """
+        if self.models is None:
+            efforts = self.corners[0].model.efforts(q, w, alpha, S, positions)[None]
+        else:
+            efforts = self.models.efforts(q, w, alpha, S, positions)
+        found = np.full(len(self.corners), np.inf)
+        for v in np.flatnonzero(efforts[:, :, 2].min(axis=1) > 0.0):
+            found[v] = max(
+                float(rows.outside(efforts[v, :, :WRENCH]).max())
+                for rows in self.corners[v].tip_over
+            )
+        return found
 
     @cached_property
     def models(self) -> CornerModels | None:
@@ -140,7 +155,7 @@ class StageExpansion:
         """Derivatives of L rows by (q, w, alpha, S [, positions]), shape (L, 3n + 1 [+ 2]).
 
         Args:
-            state, row: Of each one, shape (L,).
+            state, row: Of each one, states ascending, shape (L,).
         """
         layout, found = self.layout, np.empty((len(row), self.common.shape[2]))
         corner, place = np.divmod(row, layout.per_corner)

@@ -150,10 +150,7 @@ class Task:
         q = self.start.q + share * (self.goal.q - self.start.q)
         route = self.problem.undercarriage.route
         places = None if route is None else route[0] + share * (route[1] - route[0])
-        outside = [
-            self.constraints.at([i]).outside(q, 0.0 * q, 0.0 * q, 1.0, places)
-            for i in range(len(self.constraints.corners))
-        ]
+        outside = self.constraints.outside_by_corner(q, 0.0 * q, 0.0 * q, 1.0, places)
         return int(np.argmax(outside))
 
 
