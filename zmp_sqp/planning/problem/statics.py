@@ -15,6 +15,7 @@ from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.uncertainty import Corner
 from zmp_sqp.mechanics.wrench import efforts, ground_reaction, ground_reaction_derivatives
 from zmp_sqp.mechanics.zero_moment_point import zmp_of_wrench
+from zmp_sqp.planning.constraints.guarantee import amount_in_words
 from zmp_sqp.planning.constraints.protocol import MotionSample, PathConstraint
 
 __all__ = [
@@ -190,11 +191,12 @@ def check_constraints_at_rest(
             worst = int(np.argmin(room))
             if room[worst] < -TOLERANCE:
                 extreme, _ = _circumstances(corner, 0.0)
-                short = f"{-room[worst]:.3g} {rows.units[worst]}".strip()
-                raise ProblemError(
-                    f"constraint {constraint.name} ({rows.labels[worst]}) is broken at rest at the "
-                    f"{name}{extreme}, by {short}"
-                )
+                what = f"constraint {constraint.name} ({rows.labels[worst]})"
+                at_rest = f"at rest at the {name}{extreme}"
+                if not np.isfinite(room[worst]):
+                    raise ProblemError(f"{what} has no value {at_rest}")
+                short = amount_in_words(float(-room[worst]), rows.units[worst])
+                raise ProblemError(f"{what} is broken {at_rest}, by {short}")
 
 
 def _circumstances(corner: Corner, margin: float) -> tuple[str, str]:
