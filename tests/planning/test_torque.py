@@ -389,3 +389,15 @@ def test_a_search_that_ends_above_a_torque_limit_says_which_when_and_by_how_much
     assert "still breaks torque_limits" in plan.message
     assert re.search(r"breaks torque_limits \(slew torque\) by \d+\.\d kN m at ", plan.message)
     assert "ZMP" not in plan.message
+
+
+# --- the shipped scenario -----------------------------------------------------------------------
+
+
+def test_in_the_shipped_scenario_torque_limits_cost_time() -> None:
+    problem = load_scenario("torque").problem
+    plan, free = zs.plan(problem), zs.plan(replace(problem, constraints=()))
+    assert plan.success
+    assert free.duration == pytest.approx(4.504, abs=1e-3)
+    assert 5.19 < plan.duration < 5.21  # [s]; 5.198, and 5.192 with 80 intervals
+    assert 0.0 <= of_torque(plan.certificate).value < 100.0  # [N m]

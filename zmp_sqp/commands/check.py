@@ -60,7 +60,7 @@ EXAMPLES = r"""examples:
       --payload 4000 --payload-frame head --payload-com 0 0 3.323 --point-masses
   zmp-sqp check feller_buncher drive.csv --base-limits 10 2 0.5 1 --slope-uncertainty 1
   zmp-sqp check my_crane.urdf motion.csv --roll 5 --pitch -3 --margin 0.2 \
-      --limits joint_limits.yaml --constraint NAME:key=value
+      --limits joint_limits.yaml --constraint torque_limits:share=0.9
 """
 CHECK_KEYS = f"""\
 --json writes one object; SI units, null where there is no value:
