@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from zmp_sqp.arrays import Array
+from zmp_sqp.arrays import Array, length_text
 from zmp_sqp.commands.console import (
     add_command,
     add_json_option,
@@ -35,7 +35,7 @@ from zmp_sqp.mechanics.uncertainty import corners
 from zmp_sqp.planning import Certificate, Trajectory, UnicycleBase
 from zmp_sqp.planning.problem.unicycle_base import LIMITS
 from zmp_sqp.planning.proof.certificate import certify_at
-from zmp_sqp.planning.proof.words import broken_own, fault_of, limit_fault, spelled
+from zmp_sqp.planning.proof.words import broken_own, fault_of, limit_fault
 from zmp_sqp.scenario.path_constraints import kinds_in_words
 from zmp_sqp.show.guarantees import GUARANTEE_KEYS, guarantee_fields, guarantee_table
 from zmp_sqp.show.tables import key_table
@@ -274,7 +274,7 @@ def _faults(found: Certificate, edge: str) -> list[str]:
     elif found.margin < required:
         kept = " less the margin" if found.required else ""
         leaves = "leaves" if found.sampled < required else "may leave"
-        short = spelled(required - found.margin)
+        short = length_text(required - found.margin)
         reasons.append(
             f"at {found.margin_at:.2f} s the ZMP {leaves} the {edge} edge{kept} by {short}{extreme}"
         )

@@ -9,15 +9,10 @@ import numpy as np
 from zmp_sqp.planning.constraints.guarantee import Guarantee, amount_in_words
 from zmp_sqp.planning.proof.base_check import ARRIVAL
 
-__all__ = ["broken_own", "fault_of", "limit_fault", "name_in_words", "spelled"]
+__all__ = ["broken_own", "fault_of", "limit_fault", "name_in_words"]
 
 TIP_OVER = ("tip_over", "contact")  # names of guarantees whose words need the support polygon
 LIMITS = ("joint_limits", "base")
-
-
-def spelled(length: float) -> str:
-    """A length in metres, or in millimetres where metres would show nothing but zeros."""
-    return amount_in_words(length, "m")
 
 
 def fault_of(guarantee: Guarantee) -> str:
