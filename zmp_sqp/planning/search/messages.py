@@ -100,9 +100,7 @@ def _sideways(problem: Problem) -> str:
     base = problem.base
     if base is None:
         return ""
-    step, heading = base.goal[:2] - base.start[:2], 0.5 * (base.start[2] + base.goal[2])
-    ahead = float(step @ [np.cos(heading), np.sin(heading)])
-    across = float(step @ [-np.sin(heading), np.cos(heading)])
+    ahead, across = base.offset
     if abs(across) <= abs(ahead):
         return ""
     return (
