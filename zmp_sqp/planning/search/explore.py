@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.planning.program.grid import ENDS, Grid
-from zmp_sqp.planning.program.staged import POINTS, StagedProgram
+from zmp_sqp.planning.program.staged import POINTS, Motion, StagedProgram
 from zmp_sqp.planning.search.keep_bound import at_the_bound
 from zmp_sqp.planning.search.run import Candidate, Runs
 from zmp_sqp.planning.search.task import Task
-from zmp_sqp.sqp.result import SQPStatus
+from zmp_sqp.sqp.result import SQPResult, SQPStatus
 from zmp_sqp.sqp.solver import SQPSettings
 
 __all__ = ["RESUMED", "explore", "transferred"]
@@ -24,6 +22,8 @@ LEAST_COARSE = 4  # intervals of a coarse grid
 # On the coarse grid the search ends early.
 COARSE = SQPSettings(converged=1e-3, coarse=1e-2, excess_from=0.0)
 RESUMED = SQPSettings(resumed=True)
+SLOW = 5.0  # times the bound: a pace at which dynamics hardly move the zero moment point
+LESS = 0.95  # of the violation: a slow motion that violates less than this is looked into
 ENOUGH = (SQPStatus.BOUND_REACHED, SQPStatus.OPTIMAL, SQPStatus.FEASIBLE)
 
 
@@ -38,7 +38,8 @@ def explore(task: Task, runs: Runs) -> Candidate:
         last = tried[-1].result.status
         if last in ENOUGH or last is SQPStatus.INFEASIBLE or runs.is_late:
             break
-    return min(tried, key=_rank)
+    best = min(tried, key=_rank)
+    return best if best.is_feasible or runs.is_late else _slower(task, runs, best)
 
 
 def _rank(candidate: Candidate) -> tuple[bool, float]:
@@ -66,7 +67,7 @@ def _coarse_to_fine(task: Task, runs: Runs, pace: float, *, smooth: bool) -> Can
     return runs.minimize(fine, point, RESUMED, y=y, z=z)
 
 
-def transferred(found: Candidate, fine: StagedProgram) -> tuple[object, Array, Array]:
+def transferred(found: Candidate, fine: StagedProgram) -> tuple[Motion, Array, Array]:
     """The motion and the multipliers of a candidate on a finer grid.
 
     Multipliers of rows of an interval are shared among the intervals that it is cut into, in
@@ -89,9 +90,19 @@ def transferred(found: Candidate, fine: StagedProgram) -> tuple[object, Array, A
     return point, np.asarray(y), z
 
 
-def slower(task: Task, runs: Runs, pace: float) -> Candidate:
-    """SQP from a smooth guess, with a duration of at least `pace` times the bound."""
-    grid = Grid.of(task.problem.intervals)
-    controls, duration = task.guess(pace * task.least, grid.size, smooth=True)
-    program = task.program(duration, grid, least=pace * task.least)
-    return runs.minimize(program, program.pack(controls, duration**2), replace(SQPSettings()))
+def _slower(task: Task, runs: Runs, best: Candidate) -> Candidate:
+    """The least-violating of a motion without success and of far slower ones.
+
+    A search that fails ends where its steps no longer help, at a pace that may add to what even a
+    motion at rest would violate. The message is to tell of the latter.
+    """
+    duration, grid = SLOW * task.least, Grid.of(task.problem.intervals)
+    controls, duration = task.guess(duration, grid.size, smooth=True)
+    program = task.program(duration, grid, least=duration)
+    point = program.pack(controls, duration**2)
+    at = program.evaluate(point)
+    nothing = np.zeros(program.equalities), np.zeros(program.inequalities)
+    slow = Candidate(program, SQPResult(point, *nothing, None, SQPStatus.INFEASIBLE, at, ()))
+    if not _rank(slow) < (True, LESS * _rank(best)[1]):
+        return best
+    return min(best, slow, runs.minimize(program, point, SQPSettings()), key=_rank)

@@ -10,7 +10,8 @@ from zmp_sqp.planning.program.grid import Grid
 from zmp_sqp.planning.search.blind import BlindMotion, blind_motion
 from zmp_sqp.planning.search.run import Candidate, Runs
 from zmp_sqp.planning.search.task import Task
-from zmp_sqp.sqp.least_distance import Nearest, nearest_feasible
+from zmp_sqp.sqp.iterate import is_feasible
+from zmp_sqp.sqp.least_distance import EQUALITY, Nearest, nearest_feasible
 from zmp_sqp.sqp.result import IterationRecord, SQPResult, SQPStatus
 
 __all__ = ["at_the_bound"]
@@ -28,6 +29,8 @@ def at_the_bound(task: Task, runs: Runs) -> Candidate | None:
     It is looked for on half of the intervals: with nodes where the deciding coordinate's
     acceleration jumps, they are enough. The motion is then the same on all intervals.
     """
+    if (found := _as_guessed(task)) is not None:
+        return found
     motion = blind_motion(task, ABOVE)
     if motion is None or runs.is_late:
         return None
@@ -55,12 +58,34 @@ def at_the_bound(task: Task, runs: Runs) -> Candidate | None:
     return Candidate(program, result)
 
 
+def _as_guessed(task: Task) -> Candidate | None:
+    """The motion with one acceleration per interval, if the grid allows the bound and it is safe.
+
+    So it is where switching times fall on nodes, as they do halfway in a motion without coasting.
+    """
+    intervals = task.problem.intervals
+    least = task.bound_on(intervals)
+    if not 0.0 < least <= task.lower_bound * (1.0 + ABOVE):
+        return None
+    controls, duration = task.guess(task.least, intervals, smooth=False)
+    program = task.program(duration, Grid.of(intervals))
+    point = program.pack(controls, duration**2)
+    at = program.evaluate(point)
+    if duration > task.least or not is_feasible(at, program.tolerance, EQUALITY):
+        return None
+    y, z = np.zeros(program.equalities), np.zeros(program.inequalities)
+    return Candidate(program, SQPResult(point, y, z, None, SQPStatus.BOUND_REACHED, at, ()))
+
+
 def aligned_grid(motion: BlindMotion, intervals: int) -> Grid:
     """Nodes where the deciding coordinate's acceleration jumps, the rest evenly in between."""
     lengths = motion.phases[motion.deciding] / motion.duration
     lengths = lengths[lengths > 1e-6]
     lengths = lengths / lengths.sum()
-    counts = np.maximum(np.round(intervals * lengths), LEAST_PER_PHASE).astype(int)
+    least = min(LEAST_PER_PHASE, intervals // len(lengths))
+    if least == 0:
+        return Grid.of(intervals)
+    counts = np.maximum(np.round(intervals * lengths), least).astype(int)
     while counts.sum() != intervals:  # from or to where intervals are shortest or longest
         sizes = lengths / counts
         k = int(np.argmin(sizes)) if counts.sum() > intervals else int(np.argmax(sizes))

@@ -23,7 +23,7 @@ from zmp_sqp.planning.program.grid import Grid
 from zmp_sqp.planning.program.limits import Boundary, PathBounds
 from zmp_sqp.planning.program.rows import BoundConstraints, StageRows
 from zmp_sqp.planning.program.staged import StagedProgram
-from zmp_sqp.planning.search.guess import initial_guess
+from zmp_sqp.planning.search.guess import initial_guess, swung_aside
 
 __all__ = ["Task", "Tightening", "task_of"]
 
@@ -139,7 +139,15 @@ class Task:
             smooth=smooth,
             route=self.problem.undercarriage.route,
         )
-        return np.repeat(alpha[:, None], 2, axis=1), found
+        controls = np.repeat(alpha[:, None], 2, axis=1)
+        undercarriage = self.problem.undercarriage
+        if isinstance(undercarriage, Driving):
+            ahead, across = undercarriage.base.offset
+            if abs(across) > abs(ahead):
+                grid = Grid.of(intervals)
+                aside, found = swung_aside(across, found, self.bounds, grid)
+                controls[..., -2:] += aside
+        return controls, found
 
     @cached_property
     def worst_corner(self) -> int:
