@@ -131,7 +131,6 @@ def _solve_again(
         candidate.program.reference,
         candidate.program.grid,
         tightening=tightening,
-        corners=candidate.corners,
     )
     result = candidate.result
     return runs.minimize(
@@ -141,5 +140,4 @@ def _solve_again(
         y=result.y,
         z=result.z,
         excess=result.excess,
-        corners=candidate.corners,
     )

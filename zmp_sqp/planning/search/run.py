@@ -27,12 +27,10 @@ class Candidate:
     Attributes:
         program: The nonlinear program.
         result: How the run ended.
-        corners: Corners of payload and slope that took part; None for all.
     """
 
     program: StagedProgram
     result: SQPResult
-    corners: tuple[int, ...] | None = None
 
     @property
     def is_feasible(self) -> bool:
@@ -115,14 +113,13 @@ class Runs:
         y: Array | None = None,
         z: Array | None = None,
         excess: Array | None = None,
-        corners: tuple[int, ...] | None = None,
     ) -> Candidate:
         """Run the SQP from a motion, with multipliers if there are any."""
         settings = replace(settings, deadline=self.deadline)
         sqp = SQP(self.backend, self.fallback, settings, self.progress)
         result = sqp.minimize(program, point, y=y, z=z, excess=excess)
         self.history.extend(result.history)
-        return Candidate(program, result, corners)
+        return Candidate(program, result)
 
     def note(self, record: IterationRecord) -> None:
         """Take in the record of an iteration that was no SQP step."""
