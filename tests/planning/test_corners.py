@@ -184,3 +184,15 @@ def test_curvature_of_one_corner_is_that_of_its_own_model(case: str) -> None:
     common = np.zeros((K, rows.count - rows.of_corners))
     every = np.hstack([weights.reshape(K, -1), common])
     check_equal(rows.curvature(*at, every), expected)
+
+
+def test_models_that_are_not_of_one_machine_are_all_evaluated() -> None:
+    bound = bound_constraints(problem("terrain"))
+    other = replace(bound.corners[1].model, terrain=rolling_map())  # type: ignore[type-var]
+    mixed = BoundConstraints((bound.corners[0], replace(bound.corners[1], model=other)), ())
+    assert mixed.models is not None
+    assert len(mixed.models.basis) == 2
+    rows = StageRows(mixed, REFERENCE)
+    at = states(rows.size, positions=True)
+    alone = [StageRows(mixed.at([i]), REFERENCE).evaluate(*at) for i in range(2)]
+    check_equal(rows.evaluate(*at), np.hstack(alone))

@@ -55,8 +55,9 @@ class Subproblem:
     .. math:: \min_d \tfrac12 d^T H d + g^T d \quad \text{s.t.} \quad c_E + A d = 0, \;
               c_I + C d \le 0
 
-    Only inequalities near their bounds take part. Those that the solution violates join, until it
-    violates none by more than a fifth of what is violated now.
+    Only inequalities near their bounds take part, and among rows alike those that lead (`Jacobian`).
+    Those that the solution violates join, until it violates none by more than a fifth of what is
+    violated now.
     """
 
     def __init__(

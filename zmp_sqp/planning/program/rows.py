@@ -128,7 +128,7 @@ class BoundConstraints:
 
     @property
     def half_width(self) -> float:
-        """Median distance of the support polygon's edges, less the margin, from the root axis [m]."""
+        """Median distance of the support polygon's edges, less margin, from the root axis [m]."""
         return float(np.median([-rows.C[:, 2] for rows in self.corners[0].tip_over]))
 
 
@@ -417,7 +417,7 @@ def _tolerance(rows: ConstraintRows) -> Array:
 
 
 def _stacked(rows: tuple[EffortRows, ...], S: float) -> tuple[Array, Array]:
-    """One matrix on efforts times S, scaled by the reference, and one offset per unit of S / S_ref."""
+    """One matrix on efforts times S, scaled by the reference; offsets per unit of S / S_ref."""
     columns = max(part.C.shape[1] for part in rows)
     C = np.vstack([part.matrix(columns) for part in rows])
     divisor = np.concatenate([part.divisor for part in rows])
