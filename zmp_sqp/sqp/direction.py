@@ -56,7 +56,7 @@ class Subproblem:
               c_I + C d \le 0
 
     Only inequalities near their bounds take part. Those that the solution violates join, until it
-    violates none by more than a fifth of what is violated now.
+    violates none by more than a fifth of what is violated now, or after four programs.
     """
 
     def __init__(
@@ -91,18 +91,17 @@ class Subproblem:
         lin, keep = self.lin, self.keep
         values = lin.at.inequalities
         missed = max(DUST, MISSED * lin.at.violation)
-        for last in (False,) * (ROUNDS - 1) + (True,):
+        for rounds in range(1, ROUNDS + 1):
             solution = self._ask(self._qp(keep), iterations, warm)
             if solution is None:
                 return None
             predicted = lin.C @ solution.x + values
             over = (predicted > missed) & ~keep
-            if not over.any():
-                break
-            if not last:
-                keep, warm = keep | (predicted > -ADDED), None
-        self.keep = keep
-        return self._direction(solution, predicted, 0.0)
+            if rounds == ROUNDS or not over.any():
+                self.keep = keep
+                return self._direction(solution, predicted, 0.0)
+            keep, warm = keep | (predicted > -ADDED), None
+        return None
 
     def solve_relaxed(self, nonlinear: int, price: float) -> Direction | None:
         """Step of the program whose nonlinear rows may be violated at a price; None if that fails.
@@ -148,7 +147,8 @@ class Subproblem:
             self.inner += solution.iterations
             if solution.solved and solution.is_finite():
                 above = float((qp.C @ solution.x - qp.u).max(initial=0.0))
-                if above <= max(SOLVED, 10.0 * self._tolerance * max(1.0, np.abs(qp.u).max(initial=0.0))):
+                scale = max(1.0, float(np.abs(qp.u).max(initial=0.0)))
+                if above <= max(SOLVED, 10.0 * self._tolerance * scale):
                     self._backend = backend
                     return solution
         return None

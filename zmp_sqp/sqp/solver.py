@@ -250,14 +250,13 @@ class SQP:
         early = number < WHOLLY_CLIPPED
         if iterate.violation > DECISIVE_ABOVE or early:
             keep = keep | program.decisive(iterate.point, early=early)
+        keep[-1] = True  # the objective's own bound
         share = np.clip(QP_SHARE * iterate.violation, LEAST_TOLERANCE, LARGEST_TOLERANCE)
         tolerance = LEAST_TOLERANCE if iterate.finishing else float(share)
         backends = (self.backend,) if self.fallback is None else (self.backend, self.fallback)
         return Subproblem(lin, H, keep, backends, tolerance)
 
-    def _decrease(
-        self, program: NonlinearProgram, iterate: Iterate, direction: Direction
-    ) -> float:
+    def _decrease(self, program: NonlinearProgram, iterate: Iterate, direction: Direction) -> float:
         """Decrease of the merit function that a step promises to first order."""
         at, penalty, count = iterate.lin.at, iterate.penalty, program.nonlinear
         after = penalty.of(direction.predicted, np.zeros(0), count)
@@ -396,9 +395,7 @@ class SQP:
         least = 0.0 if creeps else min(model.clipped, LEAST_CLIPPED)
         return replace(model, clipped=max(least, 0.5 * model.clipped))
 
-    def _with_excess(
-        self, program: NonlinearProgram, iterate: Iterate, change: float
-    ) -> Iterate:
+    def _with_excess(self, program: NonlinearProgram, iterate: Iterate, change: float) -> Iterate:
         """With what nonlinear rows exceed between their places, late in the run."""
         settings = self.settings
         late = settings.excess_from > 0.0 and change < settings.excess_from
@@ -430,7 +427,8 @@ class SQP:
         )
         if stuck:
             # a slower point might be less violated: at a higher price it would be found
-            verdict = SQPStatus.INFEASIBLE if max(price, iterate.penalty.nonlinear) >= DEAR else None
+            dear = max(price, iterate.penalty.nonlinear) >= DEAR
+            verdict = SQPStatus.INFEASIBLE if dear else None
             price, series = DEAR, series[-1:]
         return replace(iterate, relaxation=Relaxation(slack, price, series), verdict=verdict)
 

@@ -127,8 +127,12 @@ class StageRows:
         every = (*self._by_effort, *self._others, self.common)
         self.count = sum(len(rows.labels) for group in every for rows in group)
         ordered = [
-            *(rows for pair in zip(self._by_effort, self._others, strict=True) for group in pair
-              for rows in group),
+            *(
+                rows
+                for pair in zip(self._by_effort, self._others, strict=True)
+                for group in pair
+                for rows in group
+            ),
             *self.common,
         ]
         # largest violation of each row at a solution, shape (E,)
