@@ -121,8 +121,8 @@ class _Search:
 
     def _values(self, point: Any) -> Evaluation:
         at = self.program.evaluate(point)
-        count = self.program.nonlinear
-        if self.enough == 0.0 and self.excess is None and at.inequalities[:count].max(initial=0.0) < EXCESS_BELOW:
+        worst = at.inequalities[: self.program.nonlinear].max(initial=0.0)
+        if self.enough == 0.0 and self.excess is None and worst < EXCESS_BELOW:
             raw = self.program.excess(point, at, fine=False)
             if raw is not None:
                 self.excess = EXCESS_FACTOR * raw + EXCESS_GUARD
@@ -150,7 +150,8 @@ class _Search:
         A = None if lin.A is None else _without_last(lin.A)
         for _ in range(ROUNDS):
             C = _without_last(lin.C.selected(keep))
-            qp = QP(self.H, np.zeros(program.size - 1), A, -at.equalities, C, -at.inequalities[keep])
+            nothing, u = np.zeros(program.size - 1), -at.inequalities[keep]
+            qp = QP(self.H, nothing, A, -at.equalities, C, u)
             solution = self.backend.solve(qp, tolerance=float(tolerance), iterations=INNER)
             self.steps, self.inner = self.steps + 1, self.inner + solution.iterations
             if not (solution.solved and solution.is_finite()):

@@ -90,7 +90,8 @@ class NonlinearProgram(Protocol):
 
     Points are values of the program's own: the SQP moves from one to the next by steps d of n
     variables, and never looks inside. The first `nonlinear` inequalities are the nonlinear ones;
-    only those are relaxed where a quadratic program has no solution.
+    only those are relaxed where a quadratic program has no solution. The last inequality bounds the
+    objective from below.
     """
 
     @property

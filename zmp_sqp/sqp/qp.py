@@ -101,8 +101,8 @@ class QPSolution:
     @classmethod
     def nothing(cls, qp: QP, backend: str, iterations: int = 0) -> QPSolution:
         """What a backend answers when it has nothing to offer: not finite."""
-        parts = (np.full(count, np.nan) for count in (qp.size, len(qp.b), len(qp.u)))
-        return cls(*parts, False, iterations, backend)
+        x, y, z = (np.full(count, np.nan) for count in (qp.size, len(qp.b), len(qp.u)))
+        return cls(x, y, z, False, iterations, backend)
 
     def is_finite(self) -> bool:
         """Whether all of it are numbers."""

@@ -116,7 +116,7 @@ class UnicycleBase:
 
     @property
     def offset(self) -> tuple[float, float]:
-        """How far the goal lies ahead and to the left, by the mean heading of start and goal [m]."""
+        """How far the goal lies ahead and to the left, by the mean of both headings [m]."""
         step, heading = self.goal[:2] - self.start[:2], 0.5 * (self.start[2] + self.goal[2])
         ahead = float(step @ [np.cos(heading), np.sin(heading)])
         return ahead, float(step @ [-np.sin(heading), np.cos(heading)])

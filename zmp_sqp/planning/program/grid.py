@@ -1,4 +1,4 @@
-"""The grid of normalised time, and motions whose accelerations run linearly within its intervals."""
+"""Grid of normalised time, and motions whose accelerations are linear within its intervals."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ class Grid:
 
     @cached_property
     def least_changes(self) -> Array:
-        """Smallest accelerations that add given amounts to last position and rate, shape (2N, 2)."""
+        """Smallest accelerations that change last position and rate by one, shape (2N, 2)."""
         return np.asarray(self.sums.T @ np.linalg.inv(self.sums @ self.sums.T))
 
     def rolled(self, q: Array, w: Array, controls: Array) -> tuple[Array, Array]:

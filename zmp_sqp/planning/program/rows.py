@@ -322,7 +322,8 @@ class StageRows:
         reach = reach + np.abs(joints[:, :, turns[: joints.shape[2]]]).sum(axis=2)
         none = np.zeros((1, len(self.corners), self.per_corner - self.effort_rows))
         shared = np.zeros((1, self.count - self.of_corners))
-        return self.assembled((spread[:, None] * reach)[:, None], none, shared)[0]
+        found = self.assembled((spread[:, None] * reach)[:, None], none, shared)
+        return np.asarray(found[0])
 
     def assembled(self, of_efforts: Array, others: Array, common: Array) -> Array:
         """Rows in their order, shape (K, E).

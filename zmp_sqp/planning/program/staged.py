@@ -93,9 +93,9 @@ class StagedProgram:
     with S = T^2 = sigma S_ref, boundary rates v_0 sqrt(S) and v_f sqrt(S). The joints' motion does
     not contain T.
 
-    Nonlinear rows r (`StageRows`) hold at both ends of every interval, because accelerations jump at
-    the nodes, and at the middle Bernstein control point 2 r(1/2) - (r(0) + r(1)) / 2 of the parabola
-    through start, middle and end, so that this parabola keeps the bound everywhere. Limits
+    Nonlinear rows r (`StageRows`) hold at both ends of every interval, because accelerations jump
+    at the nodes, and at the middle Bernstein control point 2 r(1/2) - (r(0) + r(1)) / 2 of the
+    parabola through start, middle and end, so that this parabola keeps the bound everywhere. Limits
     (`LimitRows`) hold at Bernstein points, that is everywhere.
 
     Where the centre of mass of a payload may lie anywhere in a box, rows contain what its corners
@@ -198,8 +198,11 @@ class StagedProgram:
         """The motion after a step of the variables, gaps closed and goal met exactly."""
         change = self._stage_steps(step, point.sigma)
         M = self.stages.hermite
-        controls = np.einsum("kuj,kj->ku", np.broadcast_to(
-            M, (self.grid.size, *M.shape[1:]))[:, self.stages.controls], change)
+        controls = np.einsum(
+            "kuj,kj->ku",
+            np.broadcast_to(M, (self.grid.size, *M.shape[1:]))[:, self.stages.controls],
+            change,
+        )
         return self.motion(point.controls + controls, point.sigma + float(step[-1]))
 
     def _stage_steps(self, step: Array, sigma: float) -> Array:
@@ -288,12 +291,12 @@ class StagedProgram:
         N, shares = self.grid.size, INSIDE_FINE if fine else INSIDE
         q, w, controls, S = self.unpack(point)
         states = [self.grid.within(s, q[:-1], w[:-1], controls) for s in shares]
-        stacked = tuple(np.vstack(parts) for parts in zip(*states, strict=True))
+        at_q, at_w, alpha = (np.vstack(parts) for parts in zip(*states, strict=True))
         places = None
         if at_places is not None:
             p0, p1, middle = (at_places[i * N : (i + 1) * N] for i in range(3))
             places = np.vstack([_parabola(s, p0, p1, middle) for s in shares])
-        found = self.rows.evaluate(*stacked, S, places).reshape(len(shares), N, -1)
+        found = self.rows.evaluate(at_q, at_w, alpha, S, places).reshape(len(shares), N, -1)
         start, end, middle = values.reshape(3, N, -1)
         most = np.zeros((N, self.rows.count))
         for s, inside in zip(shares, found, strict=True):
@@ -400,7 +403,8 @@ class StagedProgram:
         given = columns < 0
         index = np.where(given, 0, columns)
         weights = np.where(given, 0.0, by_stage.ravel())
-        gradient = np.bincount(index, weights=weights, minlength=self.size)
+        gradient = np.zeros(self.size)
+        gradient += np.bincount(index, weights=weights, minlength=self.size)
         gradient[-1] += 1.0
         return gradient
 

@@ -29,8 +29,8 @@ def at_the_bound(task: Task, runs: Runs) -> Candidate | None:
     It is looked for on half of the intervals: with nodes where the deciding coordinate's
     acceleration jumps, they are enough. The motion is then the same on all intervals.
     """
-    if (found := _as_guessed(task)) is not None:
-        return found
+    if (guessed := _as_guessed(task)) is not None:
+        return guessed
     motion = blind_motion(task, ABOVE)
     if motion is None or runs.is_late:
         return None

@@ -76,9 +76,10 @@ def plan(
 def _check(problem: Problem, time_budget: float | None) -> None:
     if not isinstance(problem, Problem):
         raise ProblemError(f"problem must be a Problem, not {type(problem).__name__}")
-    if time_budget is not None:
-        if finite_number(time_budget, name="time_budget", error=ProblemError) <= 0.0:
-            raise ProblemError(f"time_budget must be positive, not {time_budget} s")
+    if time_budget is not None and (
+        finite_number(time_budget, name="time_budget", error=ProblemError) <= 0.0
+    ):
+        raise ProblemError(f"time_budget must be positive, not {time_budget} s")
 
 
 def _already_there(problem: Problem) -> Proven:

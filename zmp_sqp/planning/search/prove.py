@@ -64,7 +64,8 @@ def prove(task: Task, candidate: Candidate, runs: Runs) -> Proven:
             checked = certify_for(problem, motion)
         except (ProblemError, TrajectoryError) as cause:
             # off the map, or where the tracks cannot follow
-            if not isinstance(problem.undercarriage, Driving) or problem.undercarriage.terrain.uniform:
+            base = problem.undercarriage
+            if not isinstance(base, Driving) or base.terrain.uniform:
                 raise
             nothing = Certificate.of_nothing(problem.margin)
             return Proven(Status.TERRAIN, nothing, None, candidate.duration, str(cause))
@@ -123,9 +124,7 @@ def _tightened(tightening: Tightening, checked: Certificate) -> Tightening:
     return tightening
 
 
-def _solve_again(
-    task: Task, candidate: Candidate, tightening: Tightening, runs: Runs
-) -> Candidate:
+def _solve_again(task: Task, candidate: Candidate, tightening: Tightening, runs: Runs) -> Candidate:
     """The point of the tighter program, from the last one on."""
     program = task.program(
         candidate.program.reference,

@@ -20,7 +20,7 @@ from zmp_sqp.planning.program.formulation import (
     path_bounds,
 )
 from zmp_sqp.planning.program.grid import Grid
-from zmp_sqp.planning.program.limits import Boundary, PathBounds
+from zmp_sqp.planning.program.limits import Boundary, PathBounds, PositionBound
 from zmp_sqp.planning.program.rows import BoundConstraints, StageRows
 from zmp_sqp.planning.program.staged import StagedProgram
 from zmp_sqp.planning.search.guess import initial_guess, swung_aside
@@ -97,7 +97,8 @@ class Task:
         constraints = self.constraints.tightened(drawn_in.constraints)
         duration = self.lower_bound if least is None else least
         undercarriage = self.problem.undercarriage
-        drive, position_limits = None, ()
+        drive: Positions | None = None
+        position_limits: tuple[PositionBound, ...] = ()
         if isinstance(undercarriage, Driving):
             drive = Positions(undercarriage.base, undercarriage.terrain)
             support = self.problem.machine.support

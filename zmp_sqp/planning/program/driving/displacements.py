@@ -11,8 +11,8 @@ from zmp_sqp.mechanics.ground import Terrain
 
 __all__ = ["HEADING", "Displacements", "runge_kutta"]
 
-# what an interval's displacement depends on: yaw at start, middle and end, then the rate of the path
-# length there
+# what an interval's displacement depends on: yaw at start, middle and end, then the rate of the
+# path length there
 HEADING = 6
 # the classical rule, Hairer, Norsett & Wanner 1993, II.1
 WHOLE = (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0)

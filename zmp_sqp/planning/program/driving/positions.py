@@ -34,8 +34,8 @@ class Positions:
 
     .. math:: p_{k+1} = p_k + \Delta(p_k, \psi, w_\lambda), \quad p_0 = start, \; p_N = goal
 
-    with one Runge-Kutta step of p' = w_lambda G(p, psi) per interval. The path length is free at the
-    goal; the position is not.
+    with one Runge-Kutta step of p' = w_lambda G(p, psi) per interval. The path length is free at
+    the goal; the position is not.
 
     Attributes:
         base: Start and goal.
