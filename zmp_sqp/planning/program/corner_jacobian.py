@@ -96,17 +96,21 @@ class CornerJacobian:
         N, count = self.stages.grid.size, self.expansion.layout.count
         interval, rest = np.divmod(rows, 3 * count)
         point, row = np.divmod(rest, count)
-        found = np.empty((len(rows), self.stages.m))
-        inner = np.flatnonzero(point == 2)
-
-        def at(which: int, some: Indices) -> Array:
-            by_state = self.expansion.derivatives(which * N + interval[some], row[some])
-            return _mapped(by_state, self.maps[which], interval[some])
-
-        for which in range(2):
-            some = np.flatnonzero(point == which)
-            found[some] = at(which, some)
-        found[inner] = 2.0 * at(2, inner) - 0.5 * (at(0, inner) + at(1, inner))
+        inner = point == 2
+        # rows at middle control points see all three points of their interval
+        seen = [np.flatnonzero((point == which) | inner) for which in range(3)]
+        state = np.concatenate([which * N + interval[some] for which, some in enumerate(seen)])
+        by_state = self.expansion.derivatives(state, row[np.concatenate(seen)])
+        ends = np.cumsum([len(some) for some in seen])
+        start, end, middle = (
+            _mapped(by_state[at - len(some) : at], part, interval[some])
+            for at, some, part in zip(ends, seen, self.maps, strict=True)
+        )
+        found = np.zeros((len(rows), self.stages.m))
+        factor = np.where(inner, -0.5, 1.0)[:, None]
+        found[seen[0]] += factor[seen[0]] * start
+        found[seen[1]] += factor[seen[1]] * end
+        found[seen[2]] += 2.0 * middle
         return interval, found
 
     def through_ends(self, weights: Array) -> float:

@@ -189,7 +189,7 @@ class CornerEfforts:
         """Derivatives of L rows by (q, w, alpha, S [, positions]), shape (L, 3n + 1 [+ 2]).
 
         Args:
-            corner, state: Of each row, states ascending, shape (L,).
+            corner, state: Of each row, shape (L,).
             rows: Factors of the R efforts, shape (L, R).
         """
         weights = self.corners.weights[corner]
@@ -246,18 +246,21 @@ def _products(jacobian: Array, state: Indices, weights: Array, rows: Array) -> A
 
     Args:
         jacobian: Of the basis, shape (K, B, R, s).
-        state: Ascending, shape (L,).
+        state: Shape (L,).
         weights: Shape (L, B).
         rows: Shape (L, R).
     """
-    _, B, R, width = jacobian.shape
+    K, B, R, width = jacobian.shape
     factors = (weights[:, :, None] * rows[:, None, :]).reshape(len(rows), B * R)
-    states, group, counts = np.unique(state, return_inverse=True, return_counts=True)
-    place = np.arange(len(state)) - np.repeat(np.cumsum(counts) - counts, counts)
-    stacked = np.zeros((len(states), int(counts.max(initial=0)), B * R))
-    stacked[group, place] = factors
-    products = stacked @ jacobian[states].reshape(len(states), B * R, width)
-    return np.asarray(products[group, place])
+    counts = np.bincount(state, minlength=K)
+    place = np.empty(len(state), dtype=np.intp)
+    place[np.argsort(state, kind="stable")] = np.arange(len(state)) - np.repeat(
+        np.cumsum(counts) - counts, counts
+    )
+    stacked = np.zeros((K, int(counts.max(initial=0)), B * R))
+    stacked[state, place] = factors
+    products = stacked @ jacobian.reshape(K, B * R, width)
+    return np.asarray(products[state, place])
 
 
 def _times(jacobian: Array, step: Array) -> Array:

@@ -155,7 +155,7 @@ class StageExpansion:
         """Derivatives of L rows by (q, w, alpha, S [, positions]), shape (L, 3n + 1 [+ 2]).
 
         Args:
-            state, row: Of each one, states ascending, shape (L,).
+            state, row: Of each one, shape (L,).
         """
         layout, found = self.layout, np.empty((len(row), self.common.shape[2]))
         corner, place = np.divmod(row, layout.per_corner)
