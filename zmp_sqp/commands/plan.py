@@ -102,7 +102,7 @@ def _add_planning_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--qp-solver",
         metavar="NAME",
-        help="proxqp, piqp or qpsolvers:NAME (default: the scenario's)",
+        help="auto, piqp, proxqp or qpsolvers:NAME (default: the scenario's)",
     )
     command.add_argument(
         "--intervals",

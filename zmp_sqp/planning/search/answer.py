@@ -18,7 +18,7 @@ class Status(enum.Enum):
     """How planning ended; `str()` gives a sentence, with advice where no motion was found."""
 
     OPTIMAL = "Solved: to first order, no motion near this one is faster."
-    FASTEST_POSSIBLE = "Solved: no motion within the joint limits can be faster on this grid."
+    FASTEST_POSSIBLE = "Solved: no motion within the joint limits is faster by more than 0.03 %."
     SAFE = (
         "Solved: the motion is safe, but it may not be the fastest; "
         "give more time, or try another QP solver."

@@ -14,7 +14,7 @@ from zmp_sqp.sqp.iterate import is_feasible
 from zmp_sqp.sqp.least_distance import EQUALITY, Nearest, nearest_feasible
 from zmp_sqp.sqp.result import IterationRecord, SQPResult, SQPStatus
 
-__all__ = ["at_the_bound"]
+__all__ = ["ABOVE", "at_the_bound"]
 
 ABOVE = 3e-4  # relative, above the lower bound: there the deciding joint has only one motion
 # The grid has nodes where the deciding coordinate's acceleration jumps, and at least so many
