@@ -141,9 +141,7 @@ def _base_sheet(tests: Iterable[Mapping[str, Any]]) -> Sheet:
         if run.get("blind"):
             name, bound, share = "phase plane, blind", "-", "-"
         elif not run["success"]:
-            rows.append(
-                ("eq. (21)", f"{-run['distance']:g}", "-", "-", "-", _short(run["message"]))
-            )
+            rows.append(("eq. (21)", f"{-run['distance']:g}", "-", "-", "-", run["message"]))
             continue
         else:
             name, bound, share = (

@@ -145,4 +145,5 @@ def _solve_again(task: Task, candidate: Candidate, tightening: Tightening, runs:
         z=result.z,
         excess=result.excess,
         corners=candidate.corners,
+        purpose="tightened",
     )
