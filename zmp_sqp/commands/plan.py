@@ -23,6 +23,7 @@ from zmp_sqp.commands.console import (
 )
 from zmp_sqp.commands.exit_codes import DONE, UNSAFE
 from zmp_sqp.planning import Plan, Problem, Trajectory, diagnose, phase_plane, plan
+from zmp_sqp.planning.problem.checks import AUTO
 from zmp_sqp.scenario import load_scenario
 from zmp_sqp.scenario.path_constraints import kinds_in_words
 from zmp_sqp.show.guarantees import guarantee_table
@@ -102,13 +103,13 @@ def _add_planning_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--qp-solver",
         metavar="NAME",
-        help="proxqp, piqp or qpsolvers:NAME (default: the scenario's)",
+        help="auto, piqp, proxqp or qpsolvers:NAME (default: the scenario's)",
     )
     command.add_argument(
         "--intervals",
-        type=int,
+        type=_intervals,
         metavar="N",
-        help="number of intervals of the time grid (default: the scenario's)",
+        help="number of intervals of the time grid, or auto (default: the scenario's)",
     )
     command.add_argument(
         "--margin",
@@ -131,6 +132,10 @@ def _add_output_options(command: argparse.ArgumentParser) -> None:
         "--no-figures", dest="figures", action="store_false", help="write no figures"
     )
     command.add_argument("--verbose", action="store_true", help="print every SQP iteration")
+
+
+def _intervals(text: str) -> int | str:
+    return text if text == AUTO else int(text)
 
 
 def run_plan(arguments: argparse.Namespace) -> int:

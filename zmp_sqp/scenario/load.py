@@ -22,7 +22,7 @@ from zmp_sqp.scenario.schema import JOINT_KEYS, SCHEMA, check_table, did_you_mea
 __all__ = ["SHIPPED", "Scenario", "load_scenario", "shipped_scenarios", "sliding_joints"]
 
 SHIPPED = Path(__file__).parents[1] / "scenarios"
-DEFAULT_QP_SOLVER = "proxqp"
+DEFAULT_QP_SOLVER = "auto"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

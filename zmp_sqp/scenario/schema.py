@@ -9,6 +9,7 @@ from math import isfinite
 from typing import Any
 
 from zmp_sqp.errors import ScenarioError
+from zmp_sqp.planning.problem.checks import AUTO
 
 __all__ = ["HEIGHTMAP", "JOINT_KEYS", "PAYLOAD", "PLAN", "SCHEMA", "check_table", "did_you_mean"]
 
@@ -62,6 +63,7 @@ NUMBERS = Value(
     "a list of finite numbers, one per joint", lambda value: _is_list(value, _is_number)
 )
 INTEGER = Value("a whole number", lambda value: type(value) is int)
+INTERVALS = Value('a whole number or "auto"', lambda value: value == AUTO or type(value) is int)
 TEXT = Value("a string in quotes", lambda value: isinstance(value, str))
 TEXTS = Value("a list of strings", lambda value: _is_list(value, TEXT.accepts))
 FLAG = Value("true or false", lambda value: isinstance(value, bool))
@@ -134,7 +136,7 @@ BASE = Table(
 PLAN = Table(
     {
         "model": TEXT,
-        "intervals": INTEGER,
+        "intervals": INTERVALS,
         "margin": NUMBER,
         "qp_solver": TEXT,
         "payload_com_uncertainty": HALF_SIDES,

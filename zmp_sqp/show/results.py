@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,8 @@ RESULT_KEYS = f"""\
   margin                    [m] least distance from the ZMP to an edge; negative outside
   iterations                number of SQP iterations
   qp_solver                 name of the QP solver, as given
+  runs                      of the search: purpose, intervals, backend, iterations, status,
+                            duration [s]
   corner                    payload and slope for which the margin is least, or empty
 {GUARANTEE_KEYS}  solve_time                [s] planning time
   phase_plane               duration and margin of the phase-plane baseline, which ignores the
@@ -46,6 +49,7 @@ def plan_fields(found: Plan) -> dict[str, Any]:
         "margin": found.margin if found.success else None,
         "iterations": found.iterations,
         "qp_solver": found.qp_solver,
+        "runs": [asdict(run) for run in found.runs],
     }
 
 

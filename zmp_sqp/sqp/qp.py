@@ -6,11 +6,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import scipy.sparse as sp
 
 from zmp_sqp.arrays import Array
 
 __all__ = ["QP", "QPSolution"]
+
+Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,7 +61,7 @@ class QP:
         A = np.zeros((0, self.size)) if self.A is None else self.A.toarray()
         return H, np.ascontiguousarray(A), np.ascontiguousarray(self.C.toarray())
 
-    def relaxed(self, nonlinear: Array, price: float) -> QP:
+    def relaxed(self, nonlinear: Mask, price: float) -> QP:
         """With one more variable t >= 0 that relaxes some rows at a price.
 
         Args:

@@ -122,7 +122,7 @@ def certified_blind_motion(task: Task) -> tuple[Trajectory, Certificate] | None:
     motion = blind_motion(task)
     if motion is None or not _seems_safe(task, motion):
         return None
-    times = motion.nodes(problem.intervals)
+    times = motion.nodes(problem.first_intervals)
     h = np.diff(times)[:, None]
     a = motion.acceleration_at(0.5 * (times[1:] + times[:-1]))
     v = task.start.v + np.vstack([0.0 * a[:1], np.cumsum(h * a, axis=0)])

@@ -71,7 +71,7 @@ class Task:
     @property
     def least(self) -> float:
         """Least duration with an acceleration per interval, from rest to rest [s]."""
-        return max(self.lower_bound, self.bound_on(self.problem.intervals))
+        return max(self.lower_bound, self.bound_on(self.problem.first_intervals))
 
     def bound_on(self, intervals: int) -> float:
         """Least duration with an acceleration per interval; 0 from or to motion [s]."""
