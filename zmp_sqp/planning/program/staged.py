@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from zmp_sqp.arrays import Array, Indices
+from zmp_sqp.planning.program.driving.displacements import Displacements
 from zmp_sqp.planning.program.driving.positions import Positions
 from zmp_sqp.planning.program.grid import ENDS, Grid
 from zmp_sqp.planning.program.limits import Boundary, LimitRows, PathBounds, PositionBound
@@ -43,11 +44,13 @@ class Motion:
         controls: Scaled accelerations at both ends of the intervals, shape (N, 2 n).
         sigma: Squared duration over that of the reference.
         states: Scaled states at the nodes, which follow, shape (N + 1, nx).
+        moves: Displacements of a driving base, which follow; None if it stands.
     """
 
     controls: Array
     sigma: float
     states: Array
+    moves: Displacements | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -168,11 +171,12 @@ class StagedProgram:
             change[:, n - 2] = to_rate * (missed[1, n - 2] / (to_rate @ to_rate))
         unscaled = (unscaled + change).reshape(N, ENDS, n)
         q, w = self.grid.rolled(self.start.q, first, unscaled)
-        states = [q, w / self.rate_scale]
+        states, moves = [q, w / self.rate_scale], None
         if self.drive is not None:
-            states.append(self.drive.positions(self.grid, q, w, unscaled))
+            p, moves = self.drive.path(self.grid, q, w, unscaled)
+            states.append(p)
         scaled = (unscaled / self.control_scale).reshape(N, -1)
-        return Motion(scaled, float(sigma), np.hstack(states))
+        return Motion(scaled, float(sigma), np.hstack(states), moves)
 
     def pack(self, controls: Array, S: float) -> Motion:
         """The motion nearest to accelerations (N, 2, n) [T^2 a] at a squared duration [s^2]."""
@@ -268,11 +272,9 @@ class StagedProgram:
 
     def metric(self) -> Any:
         """Sum of the squares of all scaled accelerations, by the variables."""
-        blocks = np.zeros((self.grid.size, self.stages.m, self.stages.m))
-        u = np.arange(self.stages.nx, self.stages.m - 1)
-        blocks[:, u, u] = 1.0
-        M = self.stages.hermite
-        blocks = M.transpose(0, 2, 1) @ blocks @ M
+        m = self.stages.m
+        M = self.stages.hermite[:, self.stages.controls]
+        blocks = np.broadcast_to(M.transpose(0, 2, 1) @ M, (self.grid.size, m, m))
         return self._patterns.H.matrix(self._patterns.H.data(blocks.ravel()))
 
     def decisive(self, point: Motion, *, early: bool) -> Mask:
@@ -323,7 +325,8 @@ class StagedProgram:
         if self.drive is None:
             return states, None, None
         p = point.states[:, self.stages.places]
-        drive = self.drive.displacements(self.grid, p, q, w, controls)
+        drive = point.moves
+        assert drive is not None
         if self.drive.terrain.uniform:
             return states, None, drive
         return states, np.vstack([p[:-1], p[1:], p[:-1] + drive.half]), drive
