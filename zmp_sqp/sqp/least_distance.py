@@ -140,7 +140,7 @@ class _Search:
         program = self.program
         lin = program.linearize(point)
         reach = NEAR + (REACH * at.violation if self.keep is None else 0.0)
-        keep = at.inequalities > -reach
+        keep = (at.inequalities > -reach) & lin.C.leading(at.inequalities)
         if self.keep is not None:
             keep |= self.keep
         keep |= program.decisive(point, early=False)
@@ -160,9 +160,9 @@ class _Search:
             predicted = lin.C @ step + at.inequalities
             over = (predicted > missed) & ~keep
             over[-1] = False
-            if not over.any():
+            if not over.any() or not (over & (leading := lin.C.leading(predicted))).any():
                 break
-            keep = keep | (predicted > -NEAR)
+            keep = keep | ((predicted > -NEAR) & leading)
             keep[-1] = False
         self.keep = keep
         self.chord = lin, point, None, step

@@ -78,6 +78,10 @@ class Rows:
         """Change of the rows' values by a step, shape (m,)."""
         return np.asarray(self.matrix @ step)
 
+    def leading(self, values: Array) -> Mask:
+        """All rows: none are alike, see `Jacobian`."""
+        return np.ones(len(values), dtype=bool)
+
     def selected(self, mask: Mask) -> sp.csc_matrix:
         """The rows of a mask (m,), CSC."""
         if mask.all():

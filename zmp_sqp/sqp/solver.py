@@ -202,7 +202,8 @@ class SQP:
         if direction is None:
             relaxed = True
             price = min(max(iterate.relaxation.price, iterate.penalty.nonlinear), LARGEST_PRICE)
-            subproblem.keep |= iterate.lin.at.inequalities > -RELAXED_NEAR
+            values = iterate.lin.at.inequalities
+            subproblem.keep |= (values > -RELAXED_NEAR) & iterate.lin.C.leading(values)
             direction = subproblem.solve_relaxed(program.nonlinear, price)
         if direction is None:
             failed = iterate.model.damping > LARGEST_QP_DAMPING
@@ -242,11 +243,10 @@ class SQP:
             y, z, damping = np.zeros_like(y), np.zeros_like(z), max(damping, 1.0)
         H = program.hessian(lin, y, z, clipped=clipped, damping=damping)
         values, number = lin.at.inequalities, iterate.number
-        if number == 0 and not settings.resumed:
-            keep = np.ones(len(values), dtype=bool)
-        else:
+        keep = lin.C.leading(values)
+        if number > 0 or settings.resumed:
             moved = FIRST_NEAR if iterate.step is None else iterate.step
-            keep = (values > -(NEAR + moved)) | (iterate.z > 0.0)
+            keep = (keep & (values > -(NEAR + moved))) | (iterate.z > 0.0)
         early = number < WHOLLY_CLIPPED
         if iterate.violation > DECISIVE_ABOVE or early:
             keep = keep | program.decisive(iterate.point, early=early)

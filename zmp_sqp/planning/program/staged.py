@@ -11,6 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from zmp_sqp.arrays import Array, Indices
+from zmp_sqp.mechanics.bounds.payload_spread import moment_of_spread
+from zmp_sqp.planning.program.corner_jacobian import CornerJacobian
 from zmp_sqp.planning.program.driving.displacements import Displacements
 from zmp_sqp.planning.program.driving.positions import Positions
 from zmp_sqp.planning.program.grid import ENDS, Grid
@@ -61,8 +63,10 @@ class _Memory:
         motion: The point.
         states: (q, w, alpha) at starts, ends and middles, shape (3N, n) each.
         places: Positions of a base there, shape (3N, 2), or None.
-        by_ends: What given rates at both ends add to sigma's column, by inequality, (m,).
+        by_ends: What given rates at both ends add to sigma's column, by inequality, (m,); by limit
+            only where `C` forms rows on demand.
         drive: Displacements of a base in the intervals, or None.
+        C: Jacobian of the inequalities.
     """
 
     motion: Motion
@@ -70,6 +74,7 @@ class _Memory:
     places: Array | None
     by_ends: Array
     drive: Any
+    C: Rows | CornerJacobian
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,6 +100,9 @@ class StagedProgram:
     at the nodes, and at the middle Bernstein control point 2 r(1/2) - (r(0) + r(1)) / 2 of the
     parabola through start, middle and end, so that this parabola keeps the bound everywhere. Limits
     (`LimitRows`) hold at Bernstein points, that is everywhere.
+
+    Where the centre of mass of a payload may lie anywhere in a box, rows contain what its corners
+    miss (`moment_of_spread`), less than a hundredth of the polygon's size. Derivatives leave it out.
 
     Curvature of the three points of an interval is taken at its middle, with the sum of their
     multipliers: clipping them one by one would keep parts that cancel.
@@ -224,18 +232,9 @@ class StagedProgram:
     def linearize(self, point: Motion) -> Linearization:
         """Values and first derivatives at a motion."""
         states, places, drive = self._samples(point)
-        S, N = point.sigma * self.reference**2, self.grid.size
-        values, jacobian = self.rows.linearize(*states, S, places)  # (3N, E, 3n + 1 [+ 2])
-        by_state = jacobian[:, :, : 3 * self.n + 1]
-        start, end, middle = (
-            by_state[i * N : (i + 1) * N] @ part for i, part in enumerate(self.stages.mapped)
-        )
-        if places is not None and self.drive is not None:
-            by_place = jacobian[:, :, 3 * self.n + 1 :]
-            self.drive.add_place_derivatives(self.stages, drive, by_place, (start, end, middle))
-        blocks = np.stack([start, end, 2.0 * middle - 0.5 * (start + end)], axis=1)
-        entries, by_ends = self._inequality_entries(blocks, point.sigma)
-        C = Rows(self._patterns.C.matrix(self._patterns.C.data(entries)))
+        N = self.grid.size
+        form = self._all_rows if self.rows.models is None else self._rows_on_demand
+        values, C, by_ends = form(states, places, drive, point.sigma)
         A = None
         if self.drive is not None and self._patterns.A is not None:
             moves = self.drive.end_derivatives(self.stages, drive)
@@ -244,7 +243,7 @@ class StagedProgram:
             A = self._patterns.A.matrix(
                 self._patterns.A.data(np.concatenate([moves.ravel(), identity]))
             )
-        memory = _Memory(point, states, places, by_ends, drive)
+        memory = _Memory(point, states, places, by_ends, drive, C)
         at = self._evaluation(point, values, places)
         return Linearization(at, self._gradient(point), A, C, memory)
 
@@ -313,6 +312,41 @@ class StagedProgram:
 
     # --- parts ------------------------------------------------------------------------------
 
+    def _all_rows(
+        self, states: tuple[Array, Array, Array], places: Array | None, drive: Any, sigma: float
+    ) -> tuple[Array, Rows, Array]:
+        """Values (3N, E) of the nonlinear rows, Jacobian of the inequalities, and `by_ends`."""
+        S, N = sigma * self.reference**2, self.grid.size
+        values, jacobian = self.rows.linearize(*states, S, places)  # (3N, E, 3n + 1 [+ 2])
+        by_state = jacobian[:, :, : 3 * self.n + 1]
+        start, end, middle = (
+            by_state[i * N : (i + 1) * N] @ part for i, part in enumerate(self.stages.mapped)
+        )
+        if places is not None and self.drive is not None:
+            by_place = jacobian[:, :, 3 * self.n + 1 :]
+            self.drive.add_place_derivatives(self.stages, drive, by_place, (start, end, middle))
+        blocks = np.stack([start, end, 2.0 * middle - 0.5 * (start + end)], axis=1)
+        entries, by_ends = self._inequality_entries(blocks, sigma)
+        return values, Rows(self._patterns.C.matrix(self._patterns.C.data(entries))), by_ends
+
+    def _rows_on_demand(
+        self, states: tuple[Array, Array, Array], places: Array | None, drive: Any, sigma: float
+    ) -> tuple[Array, CornerJacobian, Array]:
+        """The results of `_all_rows` with many corners: `by_ends` of the limits alone."""
+        stages = self.stages
+        expansion = self.rows.expand(*states, sigma * self.reference**2, places)
+        maps = stages.mapped
+        if places is not None and self.drive is not None:
+            maps = self.drive.with_positions(stages, drive, maps)
+        groups, by_ends = self.limits.entries(sigma)
+        entries = np.concatenate([group.ravel() for group in groups])
+        limits = Rows(self._patterns.C.matrix(self._patterns.C.data(entries)))
+        ends = np.zeros((2, stages.m))
+        half = 0.5 / np.sqrt(sigma) / STATE
+        ends[0, stages.rates], ends[1, stages.last_rates] = half * self.first, half * self.last
+        C = CornerJacobian(stages, expansion, maps, (ends[0], ends[1]), limits)
+        return expansion.values, C, by_ends
+
     def _samples(self, point: Motion) -> tuple[tuple[Array, Array, Array], Array | None, Any]:
         """States at starts, ends, middles (3N), positions there if they matter, displacements."""
         q, w, controls, _ = self.unpack(point)
@@ -335,6 +369,8 @@ class StagedProgram:
         N = self.grid.size
         start, end, middle = values.reshape(3, N, -1)
         nonlinear = np.stack([start, end, 2.0 * middle - 0.5 * (start + end)], axis=1)
+        if self.rows.by_turning is not None:
+            nonlinear += self._turning(point)[:, None, None] * self.rows.by_turning
         with np.errstate(invalid="ignore"):
             limits = self.limits.values(point.states, point.controls, point.sigma)
         missed = np.zeros(self.equalities)
@@ -343,6 +379,21 @@ class StagedProgram:
         tie = 0.5 * self.tie * float(np.sum(point.controls**2))
         inequalities = np.concatenate([nonlinear.ravel(), limits])
         return Evaluation(point.sigma, tie, missed, inequalities, (values, places))
+
+    def _turning(self, point: Motion) -> Array:
+        """Largest turning of each interval's links as in `moment_of_spread`, times S, shape (N,)."""
+        _, w, controls, _ = self.unpack(point)
+        jerk = np.abs(controls[:, 1] - controls[:, 0])
+        rates = np.maximum(np.abs(w[:-1]), np.abs(w[1:])) + 0.125 * self.grid.steps[:, None] * jerk
+        accelerations = np.abs(controls).max(axis=1)
+        model = self.rows.corners[0].model
+        arm, G = model.coordinates.size, np.abs(model.coordinates.G)
+        base = None
+        if self.drive is not None:
+            base = np.zeros((2, 4, len(rates)))
+            base[1, :2] = rates[:, -1], accelerations[:, -1]
+        joints = (part[:, :arm] @ G.T for part in (rates, accelerations))
+        return moment_of_spread(model.machine, *joints, spread=1.0, base=base)
 
     def _gradient(self, point: Motion) -> Array:
         """Of sigma and the tie breaker by the variables."""
@@ -428,15 +479,25 @@ class StagedProgram:
             blocks[k, -1, :] += through
             blocks[k, -1, -1] += along @ through
         # second derivative of the square root of sigma: convex part only
-        bend = max(0.0, -0.5 / sigma * float(z @ memory.by_ends))
+        if isinstance(memory.C, CornerJacobian):
+            through_ends = memory.C.through_ends(z[: self.nonlinear])
+            through_ends += float(z[self.nonlinear :] @ memory.by_ends)
+        else:
+            through_ends = float(z @ memory.by_ends)
+        bend = max(0.0, -0.5 / sigma * through_ends)
         blocks[:, -1, -1] += bend / self.grid.size
+
+    @property
+    def _rows_in_pattern(self) -> int:
+        """Nonlinear rows per point; none where they are formed on demand."""
+        return self.rows.count if self.rows.models is None else 0
 
     def _cached_patterns(self) -> _Patterns:
         limits = self.limits
         key = (
             self.grid.size,
             self.n,
-            self.rows.count,
+            self._rows_in_pattern,
             self.stages.positions,
             limits.moving,
             tuple(limits.upper.tolist()),
@@ -497,8 +558,9 @@ def _patterns_of(key: _Key) -> _Patterns:
         (size, size),
         upper=True,
     )
-    groups = [np.repeat(columns, POINTS * program.rows.count, axis=0), *program.limits.columns]
-    C = Pattern(*_touched(groups), (program.inequalities, size))
+    count = POINTS * program._rows_in_pattern
+    groups = [np.repeat(columns, count, axis=0), *program.limits.columns]
+    C = Pattern(*_touched(groups), (N * count + program.limits.count, size))
     if program.drive is None:
         return _Patterns(H, C, None)
     row = np.arange(2 * N).reshape(N, 2)

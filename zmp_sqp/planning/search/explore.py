@@ -70,12 +70,12 @@ def _coarse_to_fine(task: Task, runs: Runs, pace: float, *, smooth: bool) -> Can
 
 def on_finer_grid(task: Task, runs: Runs, found: Candidate, grid: Grid) -> Candidate:
     """SQP on a finer grid, from where it ended on a coarser one."""
-    fine = task.program(found.program.reference, grid, corners=found.corners)
+    fine = task.program(found.program.reference, grid)
     point, y, z = transferred(found, fine)
     purpose, status = "from the coarser grid", found.result.status
     if status is SQPStatus.INFEASIBLE:  # the finer grid has the last word
         return runs.minimize(fine, point, SQPSettings(), purpose=purpose)
-    finer = runs.minimize(fine, point, RESUMED, y=y, z=z, corners=found.corners, purpose=purpose)
+    finer = runs.minimize(fine, point, RESUMED, y=y, z=z, purpose=purpose)
     return replace(finer, coarser=found.duration if status.is_feasible else None)
 
 

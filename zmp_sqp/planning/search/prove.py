@@ -134,7 +134,6 @@ def _solve_again(task: Task, candidate: Candidate, tightening: Tightening, runs:
         candidate.program.reference,
         candidate.program.grid,
         tightening=tightening,
-        corners=candidate.corners,
     )
     result = candidate.result
     return runs.minimize(
@@ -144,6 +143,5 @@ def _solve_again(task: Task, candidate: Candidate, tightening: Tightening, runs:
         y=result.y,
         z=result.z,
         excess=result.excess,
-        corners=candidate.corners,
         purpose="tightened",
     )

@@ -46,13 +46,11 @@ class Candidate:
     Attributes:
         program: The nonlinear program.
         result: How the run ended.
-        corners: Corners of payload and slope that took part; None for all.
         coarser: Least duration that was found on half as many intervals [s]; None if unknown.
     """
 
     program: StagedProgram
     result: SQPResult
-    corners: tuple[int, ...] | None = None
     coarser: float | None = None
 
     @property
@@ -138,7 +136,6 @@ class Runs:
         y: Array | None = None,
         z: Array | None = None,
         excess: Array | None = None,
-        corners: tuple[int, ...] | None = None,
         purpose: str = "",
     ) -> Candidate:
         """Run the SQP from a motion, with multipliers if there are any; `purpose` is recorded."""
@@ -146,7 +143,7 @@ class Runs:
         sqp = SQP(self.backend, self.fallback, settings, self.progress)
         result = sqp.minimize(program, point, y=y, z=z, excess=excess)
         self.history.extend(result.history)
-        found = Candidate(program, result, corners)
+        found = Candidate(program, result)
         self.record(purpose, found)
         return found
 

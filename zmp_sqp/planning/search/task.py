@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -84,7 +84,6 @@ class Task:
         *,
         least: float | None = None,
         tightening: Tightening | None = None,
-        corners: Sequence[int] | None = None,
     ) -> StagedProgram:
         """The nonlinear program.
 
@@ -93,12 +92,9 @@ class Task:
             grid: Of normalised time.
             least: Lower bound that is put on the duration [s]; None for the proven one.
             tightening: How far inside the constraints it keeps; None not at all.
-            corners: Corners of payload and slope that take part; None for all.
         """
         drawn_in = tightening or Tightening()
         constraints = self.constraints.tightened(drawn_in.constraints)
-        if corners is not None:
-            constraints = constraints.at(corners)
         duration = self.lower_bound if least is None else least
         undercarriage = self.problem.undercarriage
         drive: Positions | None = None
@@ -159,10 +155,7 @@ class Task:
         q = self.start.q + share * (self.goal.q - self.start.q)
         route = self.problem.undercarriage.route
         places = None if route is None else route[0] + share * (route[1] - route[0])
-        outside = [
-            self.constraints.at([i]).outside(q, 0.0 * q, 0.0 * q, 1.0, places)
-            for i in range(len(self.constraints.corners))
-        ]
+        outside = self.constraints.outside_by_corner(q, 0.0 * q, 0.0 * q, 1.0, places)
         return int(np.argmax(outside))
 
 

@@ -102,6 +102,23 @@ class Positions:
         parts[1][:] += end @ self.end_derivatives(stages, moves)
         parts[2][:] += middle @ self._derivatives(stages, moves.half_jacobian)
 
+    def with_positions(
+        self, stages: Stages, moves: Displacements, maps: tuple[Array, Array, Array]
+    ) -> tuple[Array, Array, Array]:
+        """Maps to states at start, end and middle with those to positions, (N, 3n + 3, m) each."""
+        N = len(moves.whole)
+        at_start = np.zeros((N, 2, stages.m))
+        at_start[:, :, stages.places] = STATE * np.eye(2)
+        end, middle = (
+            self._derivatives(stages, part) for part in (moves.whole_jacobian, moves.half_jacobian)
+        )
+        by_state = (np.broadcast_to(part, (N, *part.shape[1:])) for part in maps)
+        start, end, middle = (
+            np.concatenate(pair, axis=1)
+            for pair in zip(by_state, (at_start, end, middle), strict=True)
+        )
+        return start, end, middle
+
     def _derivatives(self, stages: Stages, jacobian: Array) -> Array:
         found = jacobian[:, :, 2:] @ stages.mapped_heading
         found[:, :, stages.places] += STATE * (jacobian[:, :, :2] + np.eye(2))
