@@ -218,7 +218,10 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
 
     tipping, slow_drives = active("hard", ACTIVE), active("drives", ACTIVE)
     lines = {
-        **{name: of("scenarios", lambda which, name=name: which == name) for name in SETS["scenarios"]},
+        **{
+            name: of("scenarios", lambda which, name=name: which == name)
+            for name in SETS["scenarios"]
+        },
         "hard, active": of("hard", lambda which: which in tipping),
         "hard, the others": of("hard", lambda which: which not in tipping),
         "the active ones at N = 200": of("fine", lambda which: True),

@@ -16,7 +16,13 @@ from zmp_sqp.planning.program.corner_jacobian import CornerJacobian
 from zmp_sqp.planning.program.driving.displacements import Displacements
 from zmp_sqp.planning.program.driving.positions import Positions
 from zmp_sqp.planning.program.grid import ENDS, Grid
-from zmp_sqp.planning.program.limits import Boundary, LimitRows, PathBounds, PositionBound
+from zmp_sqp.planning.program.limits import (
+    LEAST_SHARE,
+    Boundary,
+    LimitRows,
+    PathBounds,
+    PositionBound,
+)
 from zmp_sqp.planning.program.rows import StageRows
 from zmp_sqp.planning.program.stages import STATE, Stages, clipped
 from zmp_sqp.sqp.nlp import Evaluation, Linearization
@@ -102,7 +108,7 @@ class StagedProgram:
     (`LimitRows`) hold at Bernstein points, that is everywhere.
 
     Where the centre of mass of a payload may lie anywhere in a box, rows contain what its corners
-    miss (`moment_of_spread`), less than a hundredth of the polygon's size. Derivatives leave it out.
+    miss (`moment_of_spread`), below a hundredth of the polygon's size. Derivatives leave it out.
 
     Curvature of the three points of an interval is taken at its middle, with the sum of their
     multipliers: clipping them one by one would keep parts that cancel.
@@ -207,7 +213,9 @@ class StagedProgram:
             np.broadcast_to(M, (self.grid.size, *M.shape[1:]))[:, self.stages.controls],
             change,
         )
-        return self.motion(point.controls + controls, point.sigma + float(step[-1]))
+        # a screened program may miss the row that keeps sigma above LEAST_SHARE of what it is
+        sigma = max(point.sigma + float(step[-1]), 0.5 * LEAST_SHARE * point.sigma)
+        return self.motion(point.controls + controls, sigma)
 
     def _stage_steps(self, step: Array, sigma: float) -> Array:
         """Change of each mapped stage's variables, given rates at the ends included, (N, m)."""
@@ -381,7 +389,7 @@ class StagedProgram:
         return Evaluation(point.sigma, tie, missed, inequalities, (values, places))
 
     def _turning(self, point: Motion) -> Array:
-        """Largest turning of each interval's links as in `moment_of_spread`, times S, shape (N,)."""
+        """Largest turning of links in each interval (see `moment_of_spread`), times S, (N,)."""
         _, w, controls, _ = self.unpack(point)
         jerk = np.abs(controls[:, 1] - controls[:, 0])
         rates = np.maximum(np.abs(w[:-1]), np.abs(w[1:])) + 0.125 * self.grid.steps[:, None] * jerk
