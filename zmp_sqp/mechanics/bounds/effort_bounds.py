@@ -38,7 +38,13 @@ from zmp_sqp.arrays import Array
 from zmp_sqp.mechanics.bounds.norms import ORDERS, Bounds, leibniz, turning
 from zmp_sqp.mechanics.machine import Machine
 
-__all__ = ["EffortBound", "effort_bounds", "wrench_curvature_bound", "wrench_size_bound"]
+__all__ = [
+    "EffortBound",
+    "effort_bounds",
+    "is_prismatic",
+    "wrench_curvature_bound",
+    "wrench_size_bound",
+]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -223,7 +229,7 @@ def _link_bounds(
         own, body = before.spin, before.unit
         if joint > 1:  # the root itself moves as the base does
             q = coordinates[:, model.joints[joint].idx_v]
-            if _is_prismatic(model, joint):
+            if is_prismatic(model, joint):
                 offset = [offset[k] + leibniz(before.unit, q, k) for k in range(ORDERS)]
             else:
                 own = [own[k] + leibniz(before.unit, q[1:], k) for k in range(ORDERS - 1)]
@@ -258,7 +264,7 @@ def _joint_bounds(machine: Machine, links: list[_Link]) -> Array:
     found = np.zeros((2, len(links[1].thrust[0]), machine.size))
     for joint in range(len(links) - 1, 1, -1):  # from tip to root
         link = links[joint]
-        drawn = force[joint] if _is_prismatic(model, joint) else moment[joint]
+        drawn = force[joint] if is_prismatic(model, joint) else moment[joint]
         at = column[model.joints[joint].idx_v]
         found[0, :, at], found[1, :, at] = drawn[0], leibniz(link.axis, drawn, 2)
         for k in range(3):
@@ -268,7 +274,7 @@ def _joint_bounds(machine: Machine, links: list[_Link]) -> Array:
     return found
 
 
-def _is_prismatic(model: Any, joint: int) -> bool:
+def is_prismatic(model: Any, joint: int) -> bool:
     """Whether a joint slides."""
     kind: str = model.joints[joint].shortname()
     return kind.startswith(("JointModelP", "JointModelMimicP"))

@@ -82,14 +82,18 @@ class EffortRows:
 
     def room(self, sample: MotionSample) -> Array:
         """-(C e + c d) in each row's unit, shape (K, R)."""
-        efforts = sample.efforts[:, : self.C.shape[1]]
-        room = -(efforts @ self.C.T) - self.c * self.divisor
-        return np.where(np.isfinite(room), room, -np.inf)
+        return self._room(sample.efforts)
 
     def least_between(self, stretch: Stretch, ends: Array) -> tuple[Array, Array]:
-        """Room at the ends less what the efforts may depart from the line between them."""
-        reachable = ends - self.uncertainty(stretch.rounding)
-        return reachable - self.uncertainty(stretch.interpolation), reachable
+        """Least room at the control points less the errors of the efforts."""
+        rounding = self.uncertainty(stretch.rounding)
+        least = self._room(stretch.control).min(axis=0)
+        return least - rounding - self.uncertainty(stretch.interpolation), ends - rounding
+
+    def _room(self, efforts: Array) -> Array:
+        """Room of efforts of shape (..., R'), shape (..., R); -inf where it is not finite."""
+        room = -(efforts[..., : self.C.shape[1]] @ self.C.T) - self.c * self.divisor
+        return np.where(np.isfinite(room), room, -np.inf)
 
     def uncertainty(self, off: EffortBound) -> Array:
         """Bound on |C e| for efforts within `off`, shape (K, R)."""

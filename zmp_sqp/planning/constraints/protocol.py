@@ -125,15 +125,21 @@ class MotionSample:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stretch:
-    """K stretches of a motion, each so short that its ends tell what happens inside.
+    """K stretches of a motion, on which efforts are close to polynomials of time.
+
+    Joint states are there for rows that are not `EffortRows`; for others they have no columns.
 
     Attributes:
         start, end: States at the ends.
         length: Shape (K,) [s].
         reach, v, a, j: Largest |coordinate|, |rate|, |acceleration| and |jerk| of the joints inside,
             shape (K, n) each.
-        interpolation: How far efforts inside may be from the straight line between the ends.
-        rounding: How far computed efforts may be from exact ones.
+        interpolation: How far efforts inside may be from the polynomials; it vanishes as stretches
+            get shorter.
+        rounding: How far computed efforts may be from exact ones, however short the stretch.
+        control: Control points (Bernstein coefficients) of the polynomials, shape (n + 1, K, R).
+            The polynomials lie in their convex hulls. The first and the last are the efforts at the
+            ends.
     """
 
     start: MotionSample
@@ -145,6 +151,7 @@ class Stretch:
     j: Array
     interpolation: EffortBound
     rounding: EffortBound
+    control: Array
 
 
 class ConstraintRows(Protocol):

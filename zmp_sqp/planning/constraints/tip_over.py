@@ -86,31 +86,47 @@ class TipOverRows(EffortRows):
 
     def room(self, sample: MotionSample) -> Array:
         """Distance from the zero moment point to each edge, -inf where the ground must pull [m]."""
-        wrench = sample.efforts[:, :WRENCH]
-        normal = wrench[:, 2:3]
-        with np.errstate(all="ignore"):
-            distance = -(wrench @ self.support.wrench_rows().T) / normal
-        return np.where((normal > 0.0) & np.isfinite(distance), distance, -np.inf)
+        return self._distance(sample.efforts)
 
     def least_between(self, stretch: Stretch, ends: Array) -> tuple[Array, Array]:
         r"""Least distance inside a stretch.
 
-        With r = e . p f_z - b f_z of an edge (linear in the wrench) and m the lesser distance at the
-        two ends, h = r + m f_z is not positive at both, so that by the error of interpolation
+        Let m be the least distance at the control points of the wrench. With
+        :math:`r = (e \cdot p - b) f_z` of an edge, which is linear in the wrench,
+        :math:`r + m f_z` is not positive at any control point and therefore nowhere along the
+        polynomial. If it may be off by :math:`\epsilon`,
 
-        .. math:: \text{distance}(t) \ge m - \frac{\max |h - \text{chord}|}{\min f_z}
+        .. math:: \text{distance}(t) \ge m - \frac{\epsilon}{\min f_z}
         """
-        normal = np.minimum(stretch.start.efforts[:, 2], stretch.end.efforts[:, 2])[:, None]
-        rows = self.support.wrench_rows()
+        least = self._distance(stretch.control).min(axis=0)  # (K, V)
+        normal = stretch.control[:, :, 2:3]  # (n + 1, K, 1)
+        rounding = stretch.rounding
+        bound = self._less(least, normal.min(axis=0), rounding.plus(stretch.interpolation))
+        return bound, self._less(ends, normal[[0, -1]].min(axis=0), rounding)
 
-        def less(off: EffortBound) -> Array:
-            force, moment = off.force[:, None], off.moment[:, None]
+    def _distance(self, efforts: Array) -> Array:
+        """Distance of the zero moment point of efforts (..., R) to each edge, shape (..., V)."""
+        wrench = efforts[..., :WRENCH]
+        normal = wrench[..., 2:3]
+        with np.errstate(all="ignore"):
+            distance = -(wrench @ self.support.wrench_rows().T) / normal
+        return np.where((normal > 0.0) & np.isfinite(distance), distance, -np.inf)
+
+    def _less(self, distance: Array, normal: Array, off: EffortBound) -> Array:
+        """Distances (K, V) less what a wrench within `off` can change.
+
+        Args:
+            distance: Shape (K, V) [m].
+            normal: Least normal force, shape (K, 1) [N].
+            off: Error of the wrench, shape (K,).
+        """
+        rows = self.support.wrench_rows()
+        force, moment = off.force[:, None], off.moment[:, None]
+        with np.errstate(all="ignore"):
             error = np.linalg.norm(rows[:, :3], axis=1) * force
             error = error + np.linalg.norm(rows[:, 3:], axis=1) * moment
-            inside = ends - (error + np.abs(ends) * force) / (normal - force)
-            return np.where((normal > force) & ~np.isnan(inside), inside, -np.inf)
-
-        return less(stretch.interpolation.plus(stretch.rounding)), less(stretch.rounding)
+            inside = distance - (error + np.abs(distance) * force) / (normal - force)
+        return np.where((normal > force) & ~np.isnan(inside), inside, -np.inf)
 
     def outside(self, wrench: Array) -> Array:
         """Largest distance of the zero moment point beyond the rows' margin, shape (K,) [m]."""
@@ -151,9 +167,9 @@ class Contact:
 class ContactRows(EffortRows):
     """Row of the normal force; its room is the force itself."""
 
-    def room(self, sample: MotionSample) -> Array:
-        """Normal force, shape (K, 1) [N]."""
-        normal = sample.efforts[:, 2:3]
+    def _room(self, efforts: Array) -> Array:
+        """Normal force of efforts of shape (..., R), shape (..., 1) [N]."""
+        normal = efforts[..., 2:3]
         return np.where(np.isfinite(normal), normal, -np.inf)
 
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import zip_longest
 
 import numpy as np
 
-from zmp_sqp.arrays import Array, finite_number, frozen_array
+from zmp_sqp.arrays import Array, finite_number
 from zmp_sqp.errors import ProblemError
 from zmp_sqp.mechanics.coordinates import Coordinates
-from zmp_sqp.mechanics.ground import GRAVITY, Ground
+from zmp_sqp.mechanics.ground import Ground, Slope
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.uncertainty import Corner
 from zmp_sqp.motion.root_motion import check_tracks, with_ground
@@ -23,12 +22,11 @@ from zmp_sqp.planning.constraints.tip_over import Contact, TipOver
 from zmp_sqp.planning.problem.problem import Problem
 from zmp_sqp.planning.problem.unicycle_base import UnicycleBase
 from zmp_sqp.planning.proof.base_check import base_guarantees
-from zmp_sqp.planning.proof.corner_motion import CornerMotion, first_parts, row_scale
-from zmp_sqp.planning.proof.limits_in_time import (
-    joints_least_duration,
-    limit_excess,
-    limit_guarantee,
-)
+from zmp_sqp.planning.proof.corner_efforts import CornerEfforts, grouped
+from zmp_sqp.planning.proof.corner_motion import CornerMotion, MotionEfforts, row_scale
+from zmp_sqp.planning.proof.effort_chords import EffortChords
+from zmp_sqp.planning.proof.effort_curves import EffortCurves
+from zmp_sqp.planning.proof.limits_in_time import joints_least_duration, limit_guarantee
 from zmp_sqp.planning.proof.motion_checks import check_arguments, check_drift, reason_of_doubt
 from zmp_sqp.planning.proof.subdivision import ROUNDING, LeastValue, Wanted, subdivide
 from zmp_sqp.planning.proof.words import fault_of
@@ -213,23 +211,12 @@ def certify_at(
         check_tracks(driven.base, first.machine.support)  # type: ignore[arg-type]
     check_drift(driven)
     required = finite_number(margin, name="margin", error=ProblemError)
+    every: tuple[PathConstraint, ...] = (TipOver(), Contact(), *constraints)
     planned = coordinates or Coordinates.identity(first.machine.size)
-    proofs = []
-    for number, corner in enumerate(corners):
-        every: tuple[PathConstraint, ...] = (TipOver(), Contact(), *constraints)
-        rows = bound_rows(every, corner.machine, planned)
-        kept = [i for i, part in enumerate(rows) if number == 0 or part.per_corner]
-        # those that do not depend on the corner stand last, so that proofs of corners can be zipped
-        kept.sort(key=lambda i: not rows[i].per_corner)
-        named = [(every[i].name, rows[i]) for i in kept]
-        proofs.append(_prove(corner, trajectory, required, named))
-    merged = [
-        min((row for row in rows if row is not None), key=lambda row: row.scaled)
-        for rows in zip_longest(*proofs)
-    ]
-    guarantees = [row.guarantee for row in merged]
-    excess = limit_excess(first.machine, trajectory)[0]
-    guarantees.append(limit_guarantee(first.machine, trajectory))
+    merged = _prove_all(corners, driven, required, every, planned)
+    guarantees = [proof.guarantee for proof in merged]
+    of_joints, excess = limit_guarantee(first.machine, trajectory)
+    guarantees.append(of_joints)
     least_duration = joints_least_duration(first.machine, trajectory)
     if base is not None:
         if driven.base is None:
@@ -252,7 +239,15 @@ def certify_at(
 
 @dataclass(frozen=True, slots=True)
 class _Proof:
-    """What is guaranteed of one constraint at one corner; `scaled` compares corners."""
+    """What is guaranteed of one constraint at the worst of some corners.
+
+    Attributes:
+        guarantee: The guarantee.
+        scaled: Its value in the unit of the constraint's first row, which compares corners.
+        sampled: Least sampled value, in the unit of the guarantee.
+        row: Which row of the constraint has it.
+        doubt: Why nothing can be proven although all samples are finite; empty otherwise.
+    """
 
     guarantee: Guarantee
     scaled: float
@@ -261,34 +256,78 @@ class _Proof:
     doubt: str
 
 
-def _prove(
-    corner: Corner,
-    trajectory: Trajectory,
+def _prove_all(
+    corners: Sequence[Corner],
+    driven: Trajectory,
     required: float,
-    named: Sequence[tuple[str, ConstraintRows]],
+    constraints: Sequence[PathConstraint],
+    planned: Coordinates,
 ) -> list[_Proof]:
-    """Guarantees of constraints, given by name and rows, at one corner."""
-    machine, ground = corner.machine, corner.ground
-    trajectory = with_ground(trajectory, ground)
-    standing = trajectory.base is None or trajectory.base.ground.uniform
-    # a base that drives looks under itself; here only the strength counts, the same everywhere
-    here = ground.gravity() if standing else (0.0, 0.0, -GRAVITY)
-    gravity = frozen_array(here, name="gravity", shape=(3,), error=ProblemError)
-    rows = tuple(part for _, part in named)
-    asked = [required if name == "tip_over" else 0.0 for name, _ in named]
-    wanted = [
-        Wanted(value, float(part.resolution[0])) for value, part in zip(asked, rows, strict=True)
-    ]
-    with np.errstate(all="ignore"):  # what overflows is not guaranteed
-        motion = CornerMotion(machine, trajectory, gravity, rows, spread=corner.spread)
-        least = subdivide(first_parts(trajectory), motion.values, wanted)
-        for part, value in zip(rows, least, strict=True):
-            if not part.proven:
-                _look_closely(part, machine, trajectory, value)
+    """For each constraint the least guarantee at any corner.
+
+    Args:
+        corners: At least one.
+        driven: The motion, its base on the first corner's ground.
+        required: Margin that is asked for [m].
+        constraints: Tip-over first.
+        planned: Coordinates in which the motion was planned.
+    """
+    proofs: list[dict[int, _Proof]] = []
+    for number, group in enumerate(grouped(corners, driven)):
+        rows_of = {
+            id(corner.machine): bound_rows(constraints, corner.machine, planned)
+            for corner in {id(corner.machine): corner for corner in group}.values()
+        }
+        rows = [[rows_of[id(corner.machine)][i] for corner in group] for i in range(len(constraints))]
+        # rows that do not depend on the corner are proven with the first one
+        kept = [i for i, part in enumerate(rows) if number == 0 or part[0].per_corner]
+        asked = [required if constraints[i].name == "tip_over" else 0.0 for i in kept]
+        names = [constraints[i].name for i in kept]
+        found = _prove(group, driven, asked, names, [rows[i] for i in kept])
+        proofs.append(dict(zip(kept, found, strict=True)))
     return [
-        _proof(name, part, value, motion, corner.text, margin)
-        for (name, part), value, margin in zip(named, least, asked, strict=True)
+        min((found[i] for found in proofs if i in found), key=lambda proof: proof.scaled)
+        for i in range(len(constraints))
     ]
+
+
+def _prove(
+    corners: Sequence[Corner],
+    trajectory: Trajectory,
+    asked: Sequence[float],
+    names: Sequence[str],
+    rows: Sequence[Sequence[ConstraintRows]],
+) -> list[_Proof]:
+    """Guarantees of constraints at corners that can be proven together.
+
+    Args:
+        corners: Corners, see `grouped`.
+        trajectory: The motion.
+        asked: Value that is asked of each constraint.
+        names: Of the constraints.
+        rows: For each constraint its rows at each corner.
+    """
+    trajectory = with_ground(trajectory, corners[0].ground)
+    joints = any(part[0].needs_joint_efforts for part in rows)
+    standing = trajectory.base is None or isinstance(trajectory.base.ground, Slope)
+    with np.errstate(all="ignore"):  # what overflows is not guaranteed
+        efforts: MotionEfforts
+        if standing:
+            efforts = EffortCurves.of(CornerEfforts(corners, trajectory, joints))
+        else:
+            efforts = EffortChords.of(corners[0], trajectory, joints=joints)
+        motion = CornerMotion(corners, trajectory, efforts, rows)
+        wanted = [
+            Wanted(value, efforts.fineness * float(part[0].resolution[0]))
+            for value, part in zip(asked, rows, strict=True)
+        ]
+        least = subdivide(motion.first_parts, motion.values, wanted)
+        found = []
+        for name, part, value, margin in zip(names, rows, least, asked, strict=True):
+            corner = motion.corner_of(value.interval)
+            _look_again(part[corner], motion, corner, value)
+            found.append(_proof(name, part[corner], value, motion, corners[corner], margin))
+    return found
 
 
 def _proof(
@@ -296,13 +335,15 @@ def _proof(
     rows: ConstraintRows,
     least: LeastValue,
     motion: CornerMotion,
-    corner: str,
+    corner: Corner,
     required: float,
 ) -> _Proof:
+    """Guarantee of one constraint from its least value."""
     scale, doubt = float(row_scale(rows)[least.row]), ""
     guaranteed = least.guaranteed if not np.isnan(least.guaranteed) else -np.inf
     if np.isneginf(guaranteed) and np.isfinite(least.sampled):
-        doubt = reason_of_doubt(motion.trajectory, motion.rounding, exhausted=least.exhausted)
+        exhausted = least.exhausted or motion.efforts.exhausted
+        doubt = reason_of_doubt(motion, exhausted=exhausted)
     scaled = guaranteed - ROUNDING
     guarantee = Guarantee(
         name=name,
@@ -310,11 +351,28 @@ def _proof(
         value=scaled * scale,
         unit=rows.units[least.row],
         time=least.time,
-        corner=corner,
+        corner=corner.text,
         proven=rows.proven,
         required=required,
     )
     return _Proof(guarantee, scaled, least.sampled * scale, least.row, doubt)
+
+
+def _look_again(
+    rows: ConstraintRows, motion: CornerMotion, corner: int, least: LeastValue
+) -> None:
+    """Replace the sampled value by one from inverse dynamics at its time.
+
+    Rows without a bound on their curvature are looked at 2000 times a second.
+    """
+    if not rows.proven:
+        _look_closely(rows, motion.corners[corner].machine, motion.trajectory, least)
+        return
+    trajectory, piece = motion.trajectory, least.interval % len(motion.efforts.interval)
+    interval = motion.efforts.interval[[piece]]
+    sample = motion.sample(corner, interval, np.array([least.time]) - trajectory.times[interval])
+    room = rows.room(sample)[0] / row_scale(rows)
+    least.sampled, least.row = float(room.min()), int(room.argmin())
 
 
 def _look_closely(

@@ -69,8 +69,8 @@ def limit_excess(machine: Machine, trajectory: Trajectory) -> tuple[float, float
     return float(excess.max()), float(relative.max())
 
 
-def limit_guarantee(machine: Machine, trajectory: Trajectory) -> Guarantee:
-    """Least room that a motion leaves to a joint limit, and to which, in closed form.
+def limit_guarantee(machine: Machine, trajectory: Trajectory) -> tuple[Guarantee, float]:
+    """Least room that a motion leaves to a joint limit, in closed form, and the largest excess.
 
     An excess that counts as rounding (`LIMIT_TOLERANCE`) is no room, but no excess either.
     """
@@ -79,7 +79,7 @@ def limit_guarantee(machine: Machine, trajectory: Trajectory) -> Guarantee:
     kind, joint = np.unravel_index(int(np.argmax(relative)), relative.shape)
     room, kept = -float(excess[kind, joint]), bool(relative[kind, joint] <= LIMIT_TOLERANCE)
     unit = machine.joint_units[joint] + ("", "", "/s", "/s^2")[kind]
-    return Guarantee(
+    guarantee = Guarantee(
         name="joint_limits",
         label=f"{machine.joint_names[joint]} {KINDS[kind]}",
         value=max(room, 0.0) if kept else room,
@@ -88,6 +88,7 @@ def limit_guarantee(machine: Machine, trajectory: Trajectory) -> Guarantee:
         corner="",
         proven=True,
     )
+    return guarantee, float(excess.max())
 
 
 def joints_least_duration(machine: Machine, trajectory: Trajectory) -> float:

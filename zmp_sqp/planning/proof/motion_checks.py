@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from zmp_sqp.errors import MachineError, ProblemError, TrajectoryError
-from zmp_sqp.mechanics.bounds.effort_bounds import EffortBound
 from zmp_sqp.mechanics.ground import Ground
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.motion.trajectory import Trajectory
+from zmp_sqp.planning.proof.corner_motion import CornerMotion
 
 __all__ = ["check_arguments", "check_drift", "reason_of_doubt"]
 
@@ -63,21 +63,27 @@ def check_drift(trajectory: Trajectory) -> None:
             )
 
 
-def reason_of_doubt(trajectory: Trajectory, rounding: EffortBound, *, exhausted: bool) -> str:
+def reason_of_doubt(motion: CornerMotion, *, exhausted: bool) -> str:
     """Why nothing can be proven of the margin between samples that have one, in words.
 
     Args:
-        trajectory: The motion.
-        rounding: How far the wrench may be from what is computed in each interval, shape (N,).
-        exhausted: Whether more samples would have been looked at than there is time for.
+        motion: The motion with its constraints.
+        exhausted: Whether more stretches would have been needed than there is time for.
     """
-    vague = ~(np.isfinite(rounding.force) & np.isfinite(rounding.moment))
-    if vague.any():
-        when = float(trajectory.times[int(np.argmax(vague))])
+    efforts, trajectory = motion.efforts, motion.trajectory
+    if efforts.is_vague.any():
+        first = int(np.argmax(efforts.is_vague))
+        when = float(trajectory.times[efforts.interval[first]])
         base = trajectory.base
         if base is not None and not base.ground.uniform:
-            return f"from {when:.2f} s on it is not known to 1 mm where the base drives; give more nodes, or less turn"
-        return f"from {when:.2f} s on the bounds overflow; the motion is too fast, or its machine too large"
+            return (
+                f"from {when:.2f} s on it is not known to 1 mm where the base drives; "
+                "give more nodes, or less turn"
+            )
+        return (
+            f"from {when:.2f} s on the bounds overflow; "
+            "the motion is too fast, or its machine too large"
+        )
     if exhausted:
         return "the motion is so fast, or so long, that bounds between its samples stay too loose"
     return "between samples, or by rounding, the ground may have to hold the machine down"

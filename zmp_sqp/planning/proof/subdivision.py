@@ -55,6 +55,18 @@ class StretchValues:
     bound: Array
     reachable: Array
 
+    @classmethod
+    def without_limit(cls, count: int) -> StretchValues:
+        """Values of stretches on which a constraint asks for nothing, to be filled by `put`."""
+        infinite = np.full((4, count), np.inf)
+        rows = np.zeros(count, dtype=int)
+        return cls(infinite[0], np.zeros(count), rows, infinite[2], infinite[3])
+
+    def put(self, chosen: Mask, part: StretchValues) -> None:
+        """Fill in the values of some stretches, given by a mask."""
+        for name in ("least", "time", "row", "bound", "reachable"):
+            getattr(self, name)[chosen] = getattr(part, name)
+
 
 @dataclass(slots=True)
 class LeastValue:
@@ -65,6 +77,7 @@ class LeastValue:
         sampled: Least value that was found.
         time: When it was found [s].
         row: Which row of the constraint it was.
+        interval: In which of the intervals that `subdivide` was given.
         exhausted: Whether subdivision ended because it would have taken too many stretches.
     """
 
@@ -72,10 +85,13 @@ class LeastValue:
     sampled: float = np.inf
     time: float = 0.0
     row: int = 0
+    interval: int = 0
     exhausted: bool = False
     _best: float = np.inf
 
-    def take(self, found: StretchValues, wanted: Wanted) -> tuple[Mask, Indices]:
+    def take(
+        self, interval: Indices, found: StretchValues, wanted: Wanted
+    ) -> tuple[Mask, Indices]:
         """Take the values in; which stretches are still too loose, and into how many parts to cut.
 
         Returns:
@@ -85,6 +101,7 @@ class LeastValue:
         if found.least[worst] < self.sampled:
             self.sampled = float(found.least[worst])
             self.time, self.row = float(found.time[worst]), int(found.row[worst])
+            self.interval = int(interval[worst])
         self._best = min(self._best, float(found.reachable.min()))
         bound, reachable = found.bound, found.reachable
         asked = max(wanted.required, 0.0)
@@ -132,7 +149,7 @@ def subdivide(
         states += len(interval)
         loose, cuts = np.zeros(len(interval), dtype=bool), np.zeros(len(interval), dtype=int)
         for value, values, want in zip(least, found, wanted, strict=True):
-            more, count = value.take(values, want)
+            more, count = value.take(interval, values, want)
             loose |= more
             cuts = np.maximum(cuts, np.where(more, count, 0))
         if states + int(cuts[loose].sum()) > MAX_STATES:

@@ -1,0 +1,414 @@
+r"""Polynomials of time that stand in for inverse dynamics, with a bound on their error.
+
+Accelerations are linear in time within an interval, so that efforts are entire functions of time
+there. A function f that is bounded by :math:`M(\rho)` on the ellipse with the semi-axes
+:math:`\tau (\rho \pm 1/\rho) / 2` about a piece of the length :math:`2 \tau` differs from the
+polynomial p of degree n through its values at n + 1 Chebyshev points by at most
+
+.. math:: |f - p| \le \frac{4 M(\rho)}{\rho^n (\rho - 1)} \quad \text{for every } \rho > 1
+
+(Trefethen 2019, Approximation Theory and Approximation Practice, Theorem 8.2; the proof uses that a
+Chebyshev polynomial of a degree above n takes the values of one up to n, or minus these, or zero at
+the points, which holds for the roots that are used here, too). `effort_size` gives
+:math:`M(\rho)`. For times :math:`t_c + z` on the ellipse, :math:`|z| \le A` and
+:math:`|\mathrm{Im} z| \le B` with its semi-axes A and B, hence for a coordinate with the rate v,
+acceleration a and jerk j at the centre
+
+.. math:: |\mathrm{Im} q| \le B (|v| + A |a| + A^2 |j| / 2)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from math import comb
+
+import numpy as np
+
+from zmp_sqp.arrays import Array, Indices
+from zmp_sqp.mechanics.bounds.effort_bounds import EffortBound
+from zmp_sqp.mechanics.bounds.effort_size import BodyNorms, Norms, body_norms, effort_size
+from zmp_sqp.mechanics.bounds.payload_spread import moment_of_spread
+from zmp_sqp.mechanics.ground import GRAVITY
+from zmp_sqp.mechanics.uncertainty import Corner
+from zmp_sqp.motion.root_motion import root_motion_bounds
+from zmp_sqp.motion.trajectory import Trajectory
+from zmp_sqp.planning.proof.corner_efforts import CornerEfforts
+from zmp_sqp.planning.proof.peaks import peaks
+
+__all__ = ["EffortCurves", "control_points"]
+
+DEGREES = (3, 4, 5, 6, 7, 8)  # of the polynomials; the least that is good enough is taken
+# [m] error that the polynomials may add to the distance of the zero moment point from an edge
+TOLERANCE = 1e-7
+# share of the constraints' resolution to which guarantees are found: stretches of polynomials are
+# cheap, because they take no inverse dynamics
+FINENESS = 0.02
+# ellipses that are tried; the largest serves motions at rest, along which efforts are constant
+ELLIPSES = np.append(np.geomspace(2.0, 128.0, 13), 1e9)
+LONGEST = 1.0  # [s] of a piece to begin with
+MOST_PIECES = 16_000  # of all intervals together
+MOST_CUTS = 16  # into which a piece is cut at once whose polynomial is not good enough
+# roundings that add up in an effort: at most ten per joint and factor, and to spare
+OPERATIONS = 100.0
+EPSILON = float(np.finfo(float).eps)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pieces:
+    """P pieces of the motion, with errors of polynomials of each degree.
+
+    Attributes:
+        interval: To which each piece belongs, shape (P,).
+        since: Where it starts in its interval, shape (P,) [s].
+        length: Shape (P,) [s].
+        size: Bound on the efforts inside, shape (P,).
+        remainder: Bound on the error of a polynomial of each of `DEGREES`, shape (D,) of (P,).
+    """
+
+    interval: Indices
+    since: Array
+    length: Array
+    size: EffortBound
+    remainder: list[EffortBound]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EffortCurves:
+    """Polynomials for the efforts of C corners along P pieces of a motion, see `MotionEfforts`.
+
+    Attributes:
+        efforts: Inverse dynamics that they stand in for.
+        interval, since, length: Of each piece: its interval, where it starts there [s], how long it
+            is [s], shape (P,) each.
+        coefficients: Of the powers of w, which runs from -1 to 1 along a piece, shape
+            (n + 1, C P, R).
+        error: Bound on the difference of polynomials and exact efforts, shape (C P,).
+        is_vague: Whether rounding alone leaves the efforts on a piece unknown, shape (P,).
+        exhausted: Whether more pieces than `MOST_PIECES` would have been needed.
+    """
+
+    efforts: CornerEfforts
+    interval: Indices
+    since: Array
+    length: Array
+    coefficients: Array
+    error: EffortBound
+    is_vague: Array
+    exhausted: bool
+    fineness = FINENESS
+
+    @classmethod
+    def of(cls, efforts: CornerEfforts) -> EffortCurves:
+        """Polynomials that are good enough, as far as `MOST_PIECES` allows."""
+        corners, trajectory = efforts.corners, efforts.trajectory
+        bodies = body_norms([corner.machine for corner in corners])
+        weight = sum(body.mass for body in bodies) * GRAVITY
+        strength = max(float(np.linalg.norm(corner.ground.gravity())) for corner in corners)
+        support = corners[0].machine.support
+        reach = 1.0 if support is None else 1.0 + support.reach + abs(support.height)
+        pieces, chosen = _good_pieces(
+            bodies, trajectory, strength, TOLERANCE * weight, reach, joints=efforts.joints
+        )
+        remainder = _chosen(pieces.remainder, chosen)
+        rounding = _rounding(pieces, trajectory, len(corners), chosen)
+        errors = [
+            rounding.plus(remainder).plus(_spread(corner, efforts, pieces)) for corner in corners
+        ]
+        coefficients = _fitted(efforts, pieces, chosen)
+        return cls(
+            efforts,
+            pieces.interval,
+            pieces.since,
+            pieces.length,
+            coefficients.reshape(len(coefficients), -1, coefficients.shape[-1]),
+            EffortBound(
+                np.concatenate([error.force for error in errors]),
+                np.concatenate([error.moment for error in errors]),
+                np.concatenate([error.joints for error in errors]),
+            ),
+            ~(np.isfinite(rounding.force) & np.isfinite(rounding.moment)),
+            len(pieces.interval) >= MOST_PIECES,
+        )
+
+    @property
+    def first_parts(self) -> Indices:
+        """One stretch per piece."""
+        return np.ones(len(self.interval), dtype=int)
+
+    def at(self, corner: int, interval: Indices, since: Array) -> Array:
+        """Efforts of one corner by inverse dynamics, shape (K, R)."""
+        alone = replace(self.efforts, corners=[self.efforts.corners[corner]])
+        return np.asarray(alone.at(interval, since)[0])
+
+    def stretches(
+        self, corner: Indices, piece: Indices, share: Array, length: Array
+    ) -> tuple[Array, EffortBound, EffortBound]:
+        """Control points on K stretches and their error; see `MotionEfforts.stretches`."""
+        number = corner * len(self.interval) + piece
+        coefficients = self.coefficients
+        if len(number) != coefficients.shape[1] or (length != 1.0).any():
+            coefficients = coefficients[:, number]
+        control, error = control_points(coefficients, share, length), self.error[number]
+        none = EffortBound(0.0 * error.force, 0.0 * error.moment, 0.0 * error.joints)
+        return control, none, error
+
+
+def control_points(coefficients: Array, share: Array, length: Array) -> Array:
+    """Control points (Bernstein coefficients) of K polynomials on parts of their pieces.
+
+    A polynomial lies in the convex hull of its control points, of which the first and the last are
+    its values at the ends.
+
+    Args:
+        coefficients: Of the powers of w, shape (n + 1, K, R).
+        share: Where each part starts, as a share of its piece, shape (K,).
+        length: How long it is, as a share of its piece, shape (K,).
+
+    Returns:
+        Shape (n + 1, K, R).
+    """
+    n, count, rows = len(coefficients) - 1, *coefficients.shape[1:]
+    to_bernstein = _bernstein(n)
+    if (length == 1.0).all():
+        return (to_bernstein @ coefficients.reshape(n + 1, -1)).reshape(n + 1, count, rows)
+    centre, half = 2.0 * share + length - 1.0, length
+    powers = centre[:, None] ** np.arange(n + 1)
+    # w = centre + half x: the coefficient of x^i holds comb(j, i) centre^(j - i) half^i of w^j
+    shift = np.zeros((count, n + 1, n + 1))
+    for i in range(n + 1):
+        shift[:, i, i:] = _binomials(n)[i, i:] * powers[:, : n + 1 - i] * (half**i)[:, None]
+    moved = np.matmul(to_bernstein @ shift, coefficients.transpose(1, 0, 2))
+    return np.ascontiguousarray(moved.transpose(1, 0, 2))
+
+
+def _good_pieces(
+    bodies: Sequence[BodyNorms],
+    trajectory: Trajectory,
+    strength: float,
+    tolerance: float,
+    reach: float,
+    *,
+    joints: bool,
+) -> tuple[_Pieces, Indices]:
+    """Pieces on which a polynomial of one of the degrees is good enough, and which degree.
+
+    Args:
+        bodies: See `body_norms`.
+        trajectory: The motion.
+        strength: Norm of gravity [m/s^2].
+        tolerance: Largest error of the moment, and of the force times `reach` [N m].
+        reach: Largest distance of an edge from the root origin [m].
+        joints: Whether to bound the joints' efforts too.
+    """
+    steps = np.diff(trajectory.times)
+    parts = np.clip(np.ceil(steps / LONGEST), 1, MOST_PIECES // len(steps) + 1).astype(int)
+    while True:
+        pieces = _pieces(bodies, trajectory, strength, parts, joints=joints)
+        missed = np.stack(
+            [np.maximum(one.moment, reach * one.force) for one in pieces.remainder]
+        )  # (D, P)
+        good = missed <= tolerance
+        chosen = np.where(good.any(axis=0), good.argmax(axis=0), len(DEGREES) - 1)
+        least = missed[-1]
+        with np.errstate(all="ignore"):
+            cuts = np.ceil((2.0 * least / tolerance) ** (1.0 / (DEGREES[-1] + 1)))
+        cuts = np.clip(np.nan_to_num(cuts, nan=MOST_CUTS), 2, MOST_CUTS)
+        cuts = np.where(good[-1], 1, cuts).astype(int)
+        wanted = parts * np.maximum.reduceat(cuts, np.cumsum(parts) - parts)
+        if good[-1].all() or len(pieces.interval) >= MOST_PIECES:
+            return pieces, chosen
+        if wanted.sum() > MOST_PIECES:
+            room = (MOST_PIECES - parts.sum()) / (wanted.sum() - parts.sum())
+            wanted = parts + np.ceil(room * (wanted - parts)).astype(int)
+        parts = wanted
+
+
+def _pieces(
+    bodies: Sequence[BodyNorms],
+    trajectory: Trajectory,
+    strength: float,
+    parts: Indices,
+    *,
+    joints: bool,
+) -> _Pieces:
+    """Intervals cut into equal parts, with bounds on efforts and on the polynomials' errors."""
+    interval = np.repeat(np.arange(len(parts)), parts)
+    number = np.arange(len(interval)) - np.repeat(np.cumsum(parts) - parts, parts)
+    length = (np.diff(trajectory.times) / parts)[interval]
+    since = number * length
+    # the interval itself first, then the ellipses
+    A = 0.5 * np.concatenate([[2.0], ELLIPSES + 1.0 / ELLIPSES])[:, None] * (0.5 * length)
+    B = 0.5 * np.concatenate([[0.0], ELLIPSES - 1.0 / ELLIPSES])[:, None] * (0.5 * length)
+    norms = _norms(trajectory, interval, since + 0.5 * length, A, B, strength)
+    found = effort_size(bodies, norms, joints=joints)
+    count = len(interval)
+    force, moment = (part.reshape(-1, count) for part in (found.force, found.moment))
+    of_joints = found.joints.reshape(len(A), count, -1)
+    remainder = []
+    for degree in DEGREES:
+        factor = 4.0 / (ELLIPSES**degree * (ELLIPSES - 1.0))
+        f, m = (np.nan_to_num(factor[:, None] * part[1:], nan=np.inf) for part in (force, moment))
+        j = np.nan_to_num(factor[:, None, None] * of_joints[1:], nan=np.inf)
+        remainder.append(EffortBound(f.min(axis=0), m.min(axis=0), j.min(axis=0)))
+    size = EffortBound(force[0], moment[0], of_joints[0])
+    return _Pieces(interval, since, length, size, remainder)
+
+
+def _norms(
+    trajectory: Trajectory,
+    interval: Indices,
+    centre: Array,
+    A: Array,
+    B: Array,
+    strength: float,
+) -> Norms:
+    """Norms of the motion at all times within A of the pieces' centres, |imaginary part| below B.
+
+    Args:
+        trajectory: The motion.
+        interval: Of each piece, shape (P,).
+        centre: Of each piece, after the start of its interval, shape (P,) [s].
+        A, B: Shape (E, P) [s].
+        strength: Norm of gravity [m/s^2].
+
+    Returns:
+        Columns by E, then P.
+    """
+    q, v, a = (np.abs(part).T[:, None] for part in trajectory.state_in(interval, centre))
+    j = np.abs(trajectory.jerks[interval]).T[:, None]
+    n, zero = len(q), np.zeros(A.size)
+    rate = v + A * (a + 0.5 * A * j)  # (n, E, P)
+    reach = q + A * (v + 0.5 * A * (a + A * j / 3.0))
+    joints = [part.reshape(n, -1) for part in (B * rate, reach, rate, a + A * j)]
+    if trajectory.base is None:
+        return Norms(*joints, zero, zero, zero + strength)
+    peak = trajectory.base.peaks(interval, centre, 0.0 * centre)  # (2, 3, P)
+    (speed, push, jerk), (spin, turn, yaw_jerk) = peak
+    speed = speed + A * (push + 0.5 * A * jerk)
+    spin = spin + A * (turn + 0.5 * A * yaw_jerk)
+    # on a plane gravity turns against the heading
+    acceleration = push + A * jerk + speed * spin + strength * np.exp(B * spin)
+    root = (spin, turn + A * yaw_jerk, acceleration)
+    return Norms(*joints, *(part.ravel() for part in root))
+
+
+def _chosen(bounds: Sequence[EffortBound], chosen: Indices) -> EffortBound:
+    """For each piece the bound of its degree."""
+    at = np.arange(len(chosen))
+    return EffortBound(
+        np.stack([one.force for one in bounds])[chosen, at],
+        np.stack([one.moment for one in bounds])[chosen, at],
+        np.stack([one.joints for one in bounds])[chosen, at],
+    )
+
+
+def _fitted(efforts: CornerEfforts, pieces: _Pieces, chosen: Indices) -> Array:
+    """Coefficients of the polynomials through efforts at Chebyshev points."""
+    most = DEGREES[int(chosen.max())]
+    groups = [(DEGREES[i], np.flatnonzero(chosen == i)) for i in np.unique(chosen)]
+    at, since = [], []
+    for degree, group in groups:
+        shares = 0.5 * (1.0 + _points(degree))[:, None]  # (n + 1, 1)
+        at.append(np.tile(group, degree + 1))
+        since.append((pieces.since[group] + shares * pieces.length[group]).ravel())
+    where = np.concatenate(at)
+    values = efforts.at(pieces.interval[where], np.concatenate(since))  # (C, K, R)
+    corners, _, rows = values.shape
+    found = np.zeros((most + 1, corners, len(chosen), rows))
+    first = 0
+    for degree, group in groups:
+        count = (degree + 1) * len(group)
+        part = values[:, first : first + count].reshape(corners, degree + 1, len(group), rows)
+        fit = np.tensordot(_to_powers(degree), part, axes=(1, 1))
+        found[: degree + 1, :, group] = fit
+        first += count
+    return found
+
+
+def _rounding(
+    pieces: _Pieces, trajectory: Trajectory, corners: int, chosen: Indices
+) -> EffortBound:
+    """Rounding errors of computed efforts, and of the polynomials through them.
+
+    Errors are relative to the sum of the absolute values of all that adds up; a rounded angle turns
+    everything beyond its joint.
+    """
+    h = np.diff(trajectory.times)[pieces.interval]
+    ends = trajectory.positions[:-1], trajectory.velocities[:-1], trajectory.accelerations
+    q, v, a = (np.abs(part)[pieces.interval] for part in ends)
+    j, h = np.abs(trajectory.jerks[pieces.interval]), h[:, None]
+    turned = (q + h * (v + h * a + h**2 * j)).sum(axis=1)
+    if (base := trajectory.base) is not None:
+        (_, (spin, _, _)) = base.peaks(pieces.interval, 0.0 * pieces.since, h[:, 0])
+        turned = turned + np.abs(base.poses[pieces.interval, 2]) + h[:, 0] * spin
+    # differences between corners take three times the operations
+    operations = OPERATIONS * (1.0 + turned) * (1.0 if corners == 1 else 4.0)
+    fit = np.array([np.abs(_to_powers(degree)).sum() * 8.0 * (degree + 1) for degree in DEGREES])
+    share = EPSILON * (operations + fit[chosen])
+    size = pieces.size
+    found = (share * size.force, share * size.moment, share[:, None] * size.joints)
+    return EffortBound(*(np.nan_to_num(part, nan=np.inf) for part in found))
+
+
+def _spread(corner: Corner, efforts: CornerEfforts, pieces: _Pieces) -> EffortBound:
+    """Moment that the corners of a payload's box miss, see `moment_of_spread`."""
+    machine, trajectory, zero = corner.machine, efforts.trajectory, 0.0 * pieces.length
+    turning = np.array([unit == "rad" for unit in machine.joint_units]) * efforts.joints
+    if corner.spread == 0.0:
+        return EffortBound(zero, zero, pieces.size.joints * 0.0)
+    since = pieces.since, pieces.since + pieces.length
+    ends = [trajectory.state_in(pieces.interval, at) for at in since]
+    both = tuple(np.vstack(pair) for pair in zip(*ends, strict=True))
+    jerks = np.abs(trajectory.jerks[pieces.interval])
+    _, v, a = peaks(both, jerks, pieces.length[:, None])
+    base = None
+    if trajectory.base is not None:
+        base = root_motion_bounds(
+            trajectory.base, pieces.interval, pieces.since, pieces.length, height=0.0
+        )
+    found = moment_of_spread(machine, v, a, spread=corner.spread, base=base)
+    off = np.nan_to_num(found, nan=np.inf)
+    return EffortBound(zero, off, (off[:, None] * turning)[:, : pieces.size.joints.shape[1]])
+
+
+@cache
+def _points(degree: int) -> Array:
+    """Roots of the Chebyshev polynomial of the next degree, shape (degree + 1,)."""
+    return np.asarray(np.cos((2.0 * np.arange(degree + 1) + 1.0) * np.pi / (2.0 * degree + 2.0)))
+
+
+@cache
+def _to_powers(degree: int) -> Array:
+    """From values at the Chebyshev points to coefficients of powers, (degree + 1, degree + 1)."""
+    values = np.polynomial.chebyshev.chebvander(_points(degree), degree)
+    # discrete orthogonality: column k of the values has the squared norm (degree + 1) / 2
+    to_chebyshev = (2.0 / (degree + 1.0)) * values.T
+    to_chebyshev[0] *= 0.5
+    powers = np.zeros((degree + 1, degree + 1))
+    for k in range(degree + 1):
+        powers[: k + 1, k] = np.polynomial.chebyshev.cheb2poly([0.0] * k + [1.0])
+    return np.asarray(powers @ to_chebyshev)
+
+
+@cache
+def _bernstein(degree: int) -> Array:
+    """From coefficients of powers of w in [-1, 1] to control points, (degree + 1, degree + 1).
+
+    Control point i of w^j is the mean of the products of j of the numbers that hold i times 1 and
+    degree - i times -1.
+    """
+    found = np.empty((degree + 1, degree + 1))
+    for i in range(degree + 1):
+        for j in range(degree + 1):
+            chosen = range(max(0, j - degree + i), min(i, j) + 1)
+            total = sum(comb(i, k) * comb(degree - i, j - k) * (-1) ** (j - k) for k in chosen)
+            found[i, j] = total / comb(degree, j)
+    return found
+
+
+@cache
+def _binomials(degree: int) -> Array:
+    """Binomial coefficients comb(j, i) in row i and column j."""
+    return np.array([[float(comb(j, i)) for j in range(degree + 1)] for i in range(degree + 1)])
