@@ -123,12 +123,10 @@ def efforts(
     states = _stack(machine, q, v, a, root_velocity, root_acceleration)
     rows = _rows(machine, joints)
     model, data = machine.model, machine.model.createData()
-    found = np.empty((len(states[0]), WRENCH if rows is None else len(rows)))
-    rnea = pin.rnea
-    for row, (one_q, one_v, one_a) in enumerate(zip(*states, strict=True)):
-        all_rows = rnea(model, data, one_q, one_v, one_a)
-        found[row] = all_rows[:WRENCH] if rows is None else all_rows[rows]
-    return found
+    rnea, nothing = pin.rnea, np.zeros(0)
+    found = [rnea(model, data, *state) for state in zip(*states, strict=True)]
+    every = np.concatenate([nothing, *found]).reshape(len(found), model.nv)
+    return np.ascontiguousarray(every[:, slice(0, WRENCH) if rows is None else rows])
 
 
 def ground_reaction_derivatives(

@@ -30,6 +30,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -91,10 +92,14 @@ def body_norms(machines: Sequence[Machine]) -> tuple[BodyNorms, ...]:
     Returns:
         One per joint of Pinocchio's model but the universe, from root to tip.
     """
+    return _body_norms(tuple({id(machine): machine for machine in machines}.values()))
+
+
+@lru_cache(maxsize=16)
+def _body_norms(machines: tuple[Machine, ...]) -> tuple[BodyNorms, ...]:
     first = machines[0].model
     columns = {int(index): i for i, index in enumerate(machines[0].index_v)}
-    distinct = list({id(machine): machine for machine in machines}.values())
-    inertias = [list(machine.model.inertias)[1:] for machine in distinct]
+    inertias = [list(machine.model.inertias)[1:] for machine in machines]
     mass = np.array([[body.mass for body in row] for row in inertias])
     lever = np.linalg.norm([[body.lever for body in row] for row in inertias], axis=2)
     about_com = np.linalg.eigvalsh([[body.inertia for body in row] for row in inertias])[:, :, -1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -52,11 +53,14 @@ class TipOverRows(EffortRows):
         support: The polygon.
         weight: Mass times gravity, which scales the rows [N].
         margin: Distance that the rows keep in the program [m].
+        distance: -1 times the normal force times the distance from every edge is this times the
+            wrench, shape (V, 6).
     """
 
     support: SupportPolygon
     weight: float
     margin: float
+    distance: Array
 
     @classmethod
     def of(cls, machine: Machine, margin: float) -> TipOverRows:
@@ -71,12 +75,13 @@ class TipOverRows(EffortRows):
             C=support.wrench_rows(margin),
             c=np.zeros(count),
             divisor=np.full(count, weight),
-            labels=tuple(f"{support.edge_name(i)} edge" for i in range(count)),
+            labels=_edge_labels(support),
             units=("m",) * count,
             resolution=np.full(count, RESOLUTION),
             support=support,
             weight=weight,
             margin=margin,
+            distance=support.wrench_rows(),
         )
 
     def tightened(self, amount: float) -> TipOverRows:
@@ -109,7 +114,7 @@ class TipOverRows(EffortRows):
         wrench = efforts[..., :WRENCH]
         normal = wrench[..., 2:3]
         with np.errstate(all="ignore"):
-            distance = -(wrench @ self.support.wrench_rows().T) / normal
+            distance = -(wrench @ self.distance.T) / normal
         return np.where((normal > 0.0) & np.isfinite(distance), distance, -np.inf)
 
     def _less(self, distance: Array, normal: Array, off: EffortBound) -> Array:
@@ -120,11 +125,10 @@ class TipOverRows(EffortRows):
             normal: Least normal force, shape (K, 1) [N].
             off: Error of the wrench, shape (K,).
         """
-        rows = self.support.wrench_rows()
         force, moment = off.force[:, None], off.moment[:, None]
         with np.errstate(all="ignore"):
-            error = np.linalg.norm(rows[:, :3], axis=1) * force
-            error = error + np.linalg.norm(rows[:, 3:], axis=1) * moment
+            error = np.linalg.norm(self.distance[:, :3], axis=1) * force
+            error = error + np.linalg.norm(self.distance[:, 3:], axis=1) * moment
             inside = distance - (error + np.abs(distance) * force) / (normal - force)
         return np.where((normal > force) & ~np.isnan(inside), inside, -np.inf)
 
@@ -171,6 +175,12 @@ class ContactRows(EffortRows):
         """Normal force of efforts of shape (..., R), shape (..., 1) [N]."""
         normal = efforts[..., 2:3]
         return np.where(np.isfinite(normal), normal, -np.inf)
+
+
+@lru_cache(maxsize=32)
+def _edge_labels(support: SupportPolygon) -> tuple[str, ...]:
+    """What the rows of a polygon's edges limit, in words."""
+    return tuple(f"{support.edge_name(i)} edge" for i in range(len(support.vertices)))
 
 
 def supported(machine: Machine) -> SupportPolygon:

@@ -324,8 +324,11 @@ def _prove(
         least = subdivide(motion.first_parts, motion.values, wanted)
         found = []
         for name, part, value, margin in zip(names, rows, least, asked, strict=True):
-            corner = motion.corner_of(value.interval)
-            _look_again(part[corner], motion, corner, value)
+            piece, corner = motion.numbers(value.interval)
+            if not part[corner].proven:
+                _look_closely(part[corner], corners[corner].machine, trajectory, value)
+            elif efforts.exhausted:
+                _look_again(part[corner], motion, (piece, corner), value)
             found.append(_proof(name, part[corner], value, motion, corners[corner], margin))
     return found
 
@@ -359,19 +362,19 @@ def _proof(
 
 
 def _look_again(
-    rows: ConstraintRows, motion: CornerMotion, corner: int, least: LeastValue
+    rows: ConstraintRows, motion: CornerMotion, at: tuple[int, int], least: LeastValue
 ) -> None:
     """Replace the sampled value by one from inverse dynamics at its time.
 
-    Rows without a bound on their curvature are looked at 2000 times a second.
+    Args:
+        rows: The constraint.
+        motion: The motion.
+        at: Piece and corner of the value.
+        least: The value.
     """
-    if not rows.proven:
-        _look_closely(rows, motion.corners[corner].machine, motion.trajectory, least)
-        return
-    trajectory, piece = motion.trajectory, least.interval % len(motion.efforts.interval)
-    interval = motion.efforts.interval[[piece]]
-    sample = motion.sample(corner, interval, np.array([least.time]) - trajectory.times[interval])
-    room = rows.room(sample)[0] / row_scale(rows)
+    interval = motion.efforts.interval[[at[0]]]
+    since = np.array([least.time]) - motion.trajectory.times[interval]
+    room = rows.room(motion.sample(at[1], interval, since))[0] / row_scale(rows)
     least.sampled, least.row = float(room.min()), int(room.argmin())
 
 

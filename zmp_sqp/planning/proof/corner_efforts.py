@@ -46,7 +46,7 @@ class CornerEfforts:
     joints: bool
 
     def at(self, interval: Indices, since: Array) -> Array:
-        """Efforts at K times, shape (C, K, R) [N, N m].
+        """Efforts at K times, shape (K, C, R) [N, N m].
 
         Args:
             interval: Intervals of the trajectory, shape (K,).
@@ -69,23 +69,26 @@ class CornerEfforts:
                 )
                 for number, ground in zip(numbers, grounds, strict=True)
             ]
-            return np.stack(every)
+            return np.stack(every, axis=1)
         first = machines[0]
         wrench = efforts(
             first, q, v, a, root_acceleration=roots[0], root_velocity=twist, joints=False
         )
         bodies = _differing_bodies(machines)
         kinematics = _Kinematics.of(first, (q, v, a), twist, roots[0], bodies)
-        forces, moments, first_moments = _differences(machines, bodies, kinematics)  # (U, K, 3)
-        forces, moments = forces + wrench[:, :3], moments + wrench[:, 3:]
-        first_moments = first_moments + kinematics.first_moment
+        forces, moments, first_moments = _differences(machines, bodies, kinematics)  # (K, U, 3)
+        forces, moments = forces + wrench[:, None, :3], moments + wrench[:, None, 3:]
+        first_moments = first_moments + kinematics.first_moment[:, None]
         masses = np.array([machine.mass for machine in machines])
-        change = np.stack([np.broadcast_to(root, roots[0].shape) for root in roots])
-        change = (change - roots[0])[..., :3]  # (G, K, 3) or (G, 3)
-        found = np.empty((len(self.corners), len(q), WRENCH))
-        for row, (number, ground) in enumerate(zip(numbers, grounds, strict=True)):
-            found[row, :, :3] = forces[number] + masses[number] * change[ground]
-            found[row, :, 3:] = moments[number] + _cross(first_moments[number], change[ground])
+        change = np.stack([np.broadcast_to(root, (len(q), WRENCH)) for root in roots], axis=1)
+        change = (change - change[:, :1])[..., :3]  # (K, G, 3)
+        found = np.empty((len(q), len(self.corners), WRENCH))
+        for number in range(len(machines)):
+            at = [i for i, other in enumerate(numbers) if other == number]
+            changes = change[:, [grounds[i] for i in at]]
+            moment = _cross(first_moments[:, number, None], changes)
+            found[:, at, :3] = forces[:, number, None] + masses[number] * changes
+            found[:, at, 3:] = moments[:, number, None] + moment
         return found
 
     def _root_motions(self, interval: Indices, since: Array) -> tuple[Array | None, list[Array]]:
@@ -107,8 +110,8 @@ def grouped(corners: Sequence[Corner], trajectory: Trajectory) -> list[list[Corn
     They can if the machines differ in inertia alone, and if the base, should it drive, drives on
     slopes.
     """
-    first = corners[0].machine
-    together = all(_same_joints(first, corner.machine) for corner in corners[1:])
+    _, machines = _numbered([corner.machine for corner in corners])
+    together = all(_same_joints(machines[0], machine) for machine in machines[1:])
     if trajectory.base is not None:
         together = together and all(isinstance(corner.ground, Slope) for corner in corners)
     return [list(corners)] if together else [[corner] for corner in corners]
@@ -210,27 +213,24 @@ def _differences(
     """Force, moment about the root origin, and first moment, of each machine less the first.
 
     Returns:
-        Root axes, shape (U, K, 3) each [N, N m, kg m].
+        Root axes, shape (K, U, 3) each [N, N m, kg m].
     """
-    shape = len(machines), len(motion.first_moment), 3
+    shape = len(motion.first_moment), len(machines), 3
     force, moment, first_moment = (np.zeros(shape) for _ in range(3))
     for b, joint in enumerate(bodies):
         parameters = [_parameters(machine.model.inertias[joint]) for machine in machines]
-        mass, lever, inertia = (
+        m, h, inertia = (
             np.stack([part - parts[0] for part in parts]) for parts in zip(*parameters, strict=True)
-        )
-        v, w = motion.twist[b, :, :3], motion.twist[b, :, 3:]
-        a, turn = motion.acceleration[b, :, :3], motion.acceleration[b, :, 3:]
-        m, h = mass[:, None, None], lever[:, None, :]  # (U, 1, 1), (U, 1, 3)
-        momentum = m * v + _cross(w, h)
+        )  # (U, 1), (U, 3), (U, 3, 3)
+        twist, acceleration = motion.twist[b, :, None], motion.acceleration[b, :, None]
+        v, w, a, turn = twist[..., :3], twist[..., 3:], acceleration[..., :3], acceleration[..., 3:]
+        momentum = m * v + _cross(w, h)  # (K, U, 3)
         f = m * a + _cross(turn, h) + _cross(w, momentum)
-        tau = turn @ inertia + _cross(h, a) + _cross(w, w @ inertia + _cross(h, v))
-        tau += _cross(v, momentum)
-        rotation, at = motion.rotation[b], motion.position[b]
-        f, tau, h = (
-            np.einsum("kij,ukj->uki", rotation, np.broadcast_to(part, shape))
-            for part in (f, tau, h)
-        )
+        angular = np.einsum("kj,uij->kui", w[:, 0], inertia) + _cross(h, v)
+        tau = np.einsum("kj,uij->kui", turn[:, 0], inertia) + _cross(h, a)
+        tau += _cross(w, angular) + _cross(v, momentum)
+        rotation, at = motion.rotation[b].transpose(0, 2, 1), motion.position[b, :, None]
+        f, tau, h = f @ rotation, tau @ rotation, h @ rotation
         force += f
         moment += tau + _cross(at, f)
         first_moment += h + m * at
@@ -241,7 +241,7 @@ def _parameters(body: pin.Inertia) -> tuple[Array, Array, Array]:
     """Mass, first moment and inertia about the joint of a body, joint axes."""
     mass, lever = body.mass, body.lever
     about_joint = body.inertia + mass * (lever @ lever * np.eye(3) - np.outer(lever, lever))
-    return np.asarray(mass), mass * lever, about_joint
+    return np.array([mass]), mass * lever, about_joint
 
 
 def _cross(one: Array, other: Array) -> Array:

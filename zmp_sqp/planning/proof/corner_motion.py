@@ -19,8 +19,6 @@ from zmp_sqp.planning.proof.subdivision import StretchValues
 
 __all__ = ["CornerMotion", "MotionEfforts", "row_scale"]
 
-SHAREABLE = (EffortRows, TipOverRows, ContactRows)  # rows whose room depends on efforts alone
-
 
 class MotionEfforts(Protocol):
     """Efforts along a motion that is cut into P pieces, at C corners."""
@@ -75,7 +73,7 @@ class MotionEfforts(Protocol):
 class CornerMotion:
     """Values of constraints along a motion at C corners of payload and slope.
 
-    Stretches are numbered by `corner * P + piece`.
+    Pieces at corners are numbered by `piece * C + corner`.
     """
 
     def __init__(
@@ -94,27 +92,26 @@ class CornerMotion:
             rows: For each constraint its rows at each corner.
         """
         self.corners, self.trajectory, self.efforts, self.rows = corners, trajectory, efforts, rows
-        self._pieces = len(efforts.interval)
         self._shared = [_same_room(per_corner) for per_corner in rows]
 
     @property
     def first_parts(self) -> Indices:
-        """Into how many stretches each piece of each corner is cut at first, shape (C P,)."""
-        return np.tile(self.efforts.first_parts, len(self.corners))
+        """Into how many stretches each piece is cut at first at each corner, shape (P C,)."""
+        return np.repeat(self.efforts.first_parts, len(self.corners))
 
-    def corner_of(self, number: int) -> int:
-        """Corner of a piece that is numbered as the stretches are."""
-        return number // self._pieces
+    def numbers(self, number: int) -> tuple[int, int]:
+        """Piece and corner that have a number."""
+        return divmod(number, len(self.corners))
 
     def values(self, number: Indices, share: Array, length: Array) -> list[StretchValues]:
         """Values of each constraint on K stretches.
 
         Args:
-            number: Corner and piece of each stretch, shape (K,).
+            number: Of the piece and corner of each stretch, shape (K,).
             share: Where it starts, as a share of its piece, shape (K,).
             length: How long it is, as a share of its piece, shape (K,).
         """
-        corner, piece = np.divmod(number, self._pieces)
+        piece, corner = np.divmod(number, len(self.corners))
         control, interpolation, rounding = self.efforts.stretches(corner, piece, share, length)
         start = self.efforts.since[piece] + share * self.efforts.length[piece]
         delta = length * self.efforts.length[piece]
@@ -254,11 +251,10 @@ def row_scale(rows: ConstraintRows) -> Array:
 def _same_room(rows: Sequence[ConstraintRows]) -> bool:
     """Whether equal efforts leave the rows of all corners equal room."""
     first = rows[0]
-    if not isinstance(first, SHAREABLE):
-        return len(rows) == 1
-    return all(
-        type(one) is type(first)
-        and np.array_equal(one.C, first.C)
+    if len(rows) == 1 or isinstance(first, TipOverRows | ContactRows):
+        return True  # all corners have one support polygon
+    return type(first) is EffortRows and all(
+        np.array_equal(one.C, first.C)
         and np.array_equal(one.c * one.divisor, first.c * first.divisor)
         for one in rows[1:]
     )

@@ -31,7 +31,6 @@ from zmp_sqp.mechanics.bounds.effort_bounds import EffortBound
 from zmp_sqp.mechanics.bounds.effort_size import BodyNorms, Norms, body_norms, effort_size
 from zmp_sqp.mechanics.bounds.payload_spread import moment_of_spread
 from zmp_sqp.mechanics.ground import GRAVITY
-from zmp_sqp.mechanics.uncertainty import Corner
 from zmp_sqp.motion.root_motion import root_motion_bounds
 from zmp_sqp.motion.trajectory import Trajectory
 from zmp_sqp.planning.proof.corner_efforts import CornerEfforts
@@ -39,14 +38,14 @@ from zmp_sqp.planning.proof.peaks import peaks
 
 __all__ = ["EffortCurves", "control_points"]
 
-DEGREES = (3, 4, 5, 6, 7, 8)  # of the polynomials; the least that is good enough is taken
+DEGREES = (3, 4, 5, 6, 7, 8, 9, 10)  # of the polynomials; the least that is good enough is taken
 # [m] error that the polynomials may add to the distance of the zero moment point from an edge
-TOLERANCE = 1e-7
+TOLERANCE = 4e-7
 # share of the constraints' resolution to which guarantees are found: stretches of polynomials are
 # cheap, because they take no inverse dynamics
 FINENESS = 0.02
 # ellipses that are tried; the largest serves motions at rest, along which efforts are constant
-ELLIPSES = np.append(np.geomspace(2.0, 128.0, 13), 1e9)
+ELLIPSES = np.append(np.geomspace(3.0, 96.0, 8), 1e9)
 LONGEST = 1.0  # [s] of a piece to begin with
 MOST_PIECES = 16_000  # of all intervals together
 MOST_CUTS = 16  # into which a piece is cut at once whose polynomial is not good enough
@@ -64,14 +63,14 @@ class _Pieces:
         since: Where it starts in its interval, shape (P,) [s].
         length: Shape (P,) [s].
         size: Bound on the efforts inside, shape (P,).
-        remainder: Bound on the error of a polynomial of each of `DEGREES`, shape (D,) of (P,).
+        remainder: Bound on the error of polynomials of each of `DEGREES`, shape (D, P).
     """
 
     interval: Indices
     since: Array
     length: Array
     size: EffortBound
-    remainder: list[EffortBound]
+    remainder: EffortBound
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -83,8 +82,9 @@ class EffortCurves:
         interval, since, length: Of each piece: its interval, where it starts there [s], how long it
             is [s], shape (P,) each.
         coefficients: Of the powers of w, which runs from -1 to 1 along a piece, shape
-            (n + 1, C P, R).
-        error: Bound on the difference of polynomials and exact efforts, shape (C P,).
+            (n + 1, P C, R).
+        error: Bound on the difference of polynomials and exact efforts, shape (P,) if it is the
+            same for all corners, otherwise (P C,).
         is_vague: Whether rounding alone leaves the efforts on a piece unknown, shape (P,).
         exhausted: Whether more pieces than `MOST_PIECES` would have been needed.
     """
@@ -111,23 +111,18 @@ class EffortCurves:
         pieces, chosen = _good_pieces(
             bodies, trajectory, strength, TOLERANCE * weight, reach, joints=efforts.joints
         )
-        remainder = _chosen(pieces.remainder, chosen)
         rounding = _rounding(pieces, trajectory, len(corners), chosen)
-        errors = [
-            rounding.plus(remainder).plus(_spread(corner, efforts, pieces)) for corner in corners
-        ]
+        error = rounding.plus(pieces.remainder[chosen, np.arange(len(chosen))])
+        if any(corner.spread > 0.0 for corner in corners):
+            error = _with_spread(error, efforts, pieces)
         coefficients = _fitted(efforts, pieces, chosen)
         return cls(
             efforts,
             pieces.interval,
             pieces.since,
             pieces.length,
-            coefficients.reshape(len(coefficients), -1, coefficients.shape[-1]),
-            EffortBound(
-                np.concatenate([error.force for error in errors]),
-                np.concatenate([error.moment for error in errors]),
-                np.concatenate([error.joints for error in errors]),
-            ),
+            coefficients,
+            error,
             ~(np.isfinite(rounding.force) & np.isfinite(rounding.moment)),
             len(pieces.interval) >= MOST_PIECES,
         )
@@ -140,17 +135,18 @@ class EffortCurves:
     def at(self, corner: int, interval: Indices, since: Array) -> Array:
         """Efforts of one corner by inverse dynamics, shape (K, R)."""
         alone = replace(self.efforts, corners=[self.efforts.corners[corner]])
-        return np.asarray(alone.at(interval, since)[0])
+        return np.asarray(alone.at(interval, since)[:, 0])
 
     def stretches(
         self, corner: Indices, piece: Indices, share: Array, length: Array
     ) -> tuple[Array, EffortBound, EffortBound]:
         """Control points on K stretches and their error; see `MotionEfforts.stretches`."""
-        number = corner * len(self.interval) + piece
+        number = piece * len(self.efforts.corners) + corner
         coefficients = self.coefficients
         if len(number) != coefficients.shape[1] or (length != 1.0).any():
             coefficients = coefficients[:, number]
-        control, error = control_points(coefficients, share, length), self.error[number]
+        control = control_points(coefficients, share, length)
+        error = self.error[piece if len(self.error.force) == len(self.interval) else number]
         none = EffortBound(0.0 * error.force, 0.0 * error.moment, 0.0 * error.joints)
         return control, none, error
 
@@ -206,19 +202,14 @@ def _good_pieces(
     parts = np.clip(np.ceil(steps / LONGEST), 1, MOST_PIECES // len(steps) + 1).astype(int)
     while True:
         pieces = _pieces(bodies, trajectory, strength, parts, joints=joints)
-        missed = np.stack(
-            [np.maximum(one.moment, reach * one.force) for one in pieces.remainder]
-        )  # (D, P)
+        missed = np.maximum(pieces.remainder.moment, reach * pieces.remainder.force)  # (D, P)
         good = missed <= tolerance
         chosen = np.where(good.any(axis=0), good.argmax(axis=0), len(DEGREES) - 1)
-        least = missed[-1]
-        with np.errstate(all="ignore"):
-            cuts = np.ceil((2.0 * least / tolerance) ** (1.0 / (DEGREES[-1] + 1)))
-        cuts = np.clip(np.nan_to_num(cuts, nan=MOST_CUTS), 2, MOST_CUTS)
-        cuts = np.where(good[-1], 1, cuts).astype(int)
-        wanted = parts * np.maximum.reduceat(cuts, np.cumsum(parts) - parts)
         if good[-1].all() or len(pieces.interval) >= MOST_PIECES:
             return pieces, chosen
+        cuts = np.ceil((2.0 * missed[-1] / tolerance) ** (1.0 / (DEGREES[-1] + 1)))
+        cuts = np.where(good[-1], 1, np.clip(cuts, 2, MOST_CUTS)).astype(int)
+        wanted = parts * np.maximum.reduceat(cuts, np.cumsum(parts) - parts)
         if wanted.sum() > MOST_PIECES:
             room = (MOST_PIECES - parts.sum()) / (wanted.sum() - parts.sum())
             wanted = parts + np.ceil(room * (wanted - parts)).astype(int)
@@ -241,22 +232,25 @@ def _pieces(
     # the interval itself first, then the ellipses
     A = 0.5 * np.concatenate([[2.0], ELLIPSES + 1.0 / ELLIPSES])[:, None] * (0.5 * length)
     B = 0.5 * np.concatenate([[0.0], ELLIPSES - 1.0 / ELLIPSES])[:, None] * (0.5 * length)
-    norms = _norms(trajectory, interval, since + 0.5 * length, A, B, strength)
+    norms = _norms(bodies, trajectory, interval, since + 0.5 * length, A, B, strength)
     found = effort_size(bodies, norms, joints=joints)
-    count = len(interval)
-    force, moment = (part.reshape(-1, count) for part in (found.force, found.moment))
-    of_joints = found.joints.reshape(len(A), count, -1)
-    remainder = []
-    for degree in DEGREES:
-        factor = 4.0 / (ELLIPSES**degree * (ELLIPSES - 1.0))
-        f, m = (np.nan_to_num(factor[:, None] * part[1:], nan=np.inf) for part in (force, moment))
-        j = np.nan_to_num(factor[:, None, None] * of_joints[1:], nan=np.inf)
-        remainder.append(EffortBound(f.min(axis=0), m.min(axis=0), j.min(axis=0)))
+    shape = len(A), len(interval)
+    force, moment = (
+        _known(part.reshape(shape)) for part in (found.force, found.moment)
+    )
+    of_joints = _known(found.joints.reshape(*shape, -1))
+    factor = 4.0 / (ELLIPSES ** np.array(DEGREES)[:, None] * (ELLIPSES - 1.0))  # (D, E)
+    remainder = EffortBound(
+        (factor[:, :, None] * force[1:]).min(axis=1),
+        (factor[:, :, None] * moment[1:]).min(axis=1),
+        (factor[:, :, None, None] * of_joints[1:]).min(axis=1),
+    )
     size = EffortBound(force[0], moment[0], of_joints[0])
     return _Pieces(interval, since, length, size, remainder)
 
 
 def _norms(
+    bodies: Sequence[BodyNorms],
     trajectory: Trajectory,
     interval: Indices,
     centre: Array,
@@ -267,6 +261,7 @@ def _norms(
     """Norms of the motion at all times within A of the pieces' centres, |imaginary part| below B.
 
     Args:
+        bodies: Of the machine.
         trajectory: The motion.
         interval: Of each piece, shape (P,).
         centre: Of each piece, after the start of its interval, shape (P,) [s].
@@ -276,12 +271,16 @@ def _norms(
     Returns:
         Columns by E, then P.
     """
-    q, v, a = (np.abs(part).T[:, None] for part in trajectory.state_in(interval, centre))
-    j = np.abs(trajectory.jerks[interval]).T[:, None]
+    j = trajectory.jerks[interval]
+    q, v, a, j = (
+        np.ascontiguousarray(np.abs(part).T)[:, None]
+        for part in (*trajectory.state_in(interval, centre), j)
+    )  # (n, 1, P)
     n, zero = len(q), np.zeros(A.size)
-    rate = v + A * (a + 0.5 * A * j)  # (n, E, P)
-    reach = q + A * (v + 0.5 * A * (a + A * j / 3.0))
-    joints = [part.reshape(n, -1) for part in (B * rate, reach, rate, a + A * j)]
+    change = A * j
+    rate = A * (0.5 * change + a) + v  # (n, E, P)
+    reach = q + A * rate if any(body.slides for body in bodies) else rate  # larger than needed
+    joints = [part.reshape(n, -1) for part in (B * rate, reach, rate, a + change)]
     if trajectory.base is None:
         return Norms(*joints, zero, zero, zero + strength)
     peak = trajectory.base.peaks(interval, centre, 0.0 * centre)  # (2, 3, P)
@@ -294,16 +293,6 @@ def _norms(
     return Norms(*joints, *(part.ravel() for part in root))
 
 
-def _chosen(bounds: Sequence[EffortBound], chosen: Indices) -> EffortBound:
-    """For each piece the bound of its degree."""
-    at = np.arange(len(chosen))
-    return EffortBound(
-        np.stack([one.force for one in bounds])[chosen, at],
-        np.stack([one.moment for one in bounds])[chosen, at],
-        np.stack([one.joints for one in bounds])[chosen, at],
-    )
-
-
 def _fitted(efforts: CornerEfforts, pieces: _Pieces, chosen: Indices) -> Array:
     """Coefficients of the polynomials through efforts at Chebyshev points."""
     most = DEGREES[int(chosen.max())]
@@ -314,17 +303,16 @@ def _fitted(efforts: CornerEfforts, pieces: _Pieces, chosen: Indices) -> Array:
         at.append(np.tile(group, degree + 1))
         since.append((pieces.since[group] + shares * pieces.length[group]).ravel())
     where = np.concatenate(at)
-    values = efforts.at(pieces.interval[where], np.concatenate(since))  # (C, K, R)
-    corners, _, rows = values.shape
-    found = np.zeros((most + 1, corners, len(chosen), rows))
+    values = efforts.at(pieces.interval[where], np.concatenate(since))  # (K, C, R)
+    shape = values.shape[1:]
+    found = np.zeros((most + 1, len(chosen), *shape))
     first = 0
     for degree, group in groups:
-        count = (degree + 1) * len(group)
-        part = values[:, first : first + count].reshape(corners, degree + 1, len(group), rows)
-        fit = np.tensordot(_to_powers(degree), part, axes=(1, 1))
-        found[: degree + 1, :, group] = fit
-        first += count
-    return found
+        last = first + (degree + 1) * len(group)
+        fit = _to_powers(degree) @ values[first:last].reshape(degree + 1, -1)
+        found[: degree + 1, group] = fit.reshape(degree + 1, len(group), *shape)
+        first = last
+    return found.reshape(most + 1, -1, shape[-1])
 
 
 def _rounding(
@@ -345,19 +333,24 @@ def _rounding(
         turned = turned + np.abs(base.poses[pieces.interval, 2]) + h[:, 0] * spin
     # differences between corners take three times the operations
     operations = OPERATIONS * (1.0 + turned) * (1.0 if corners == 1 else 4.0)
-    fit = np.array([np.abs(_to_powers(degree)).sum() * 8.0 * (degree + 1) for degree in DEGREES])
-    share = EPSILON * (operations + fit[chosen])
+    fit = np.array([_operations(degree) for degree in DEGREES])[chosen]
+    share = EPSILON * (operations + fit)
     size = pieces.size
     found = (share * size.force, share * size.moment, share[:, None] * size.joints)
-    return EffortBound(*(np.nan_to_num(part, nan=np.inf) for part in found))
+    return EffortBound(*(_known(part) for part in found))
 
 
-def _spread(corner: Corner, efforts: CornerEfforts, pieces: _Pieces) -> EffortBound:
-    """Moment that the corners of a payload's box miss, see `moment_of_spread`."""
-    machine, trajectory, zero = corner.machine, efforts.trajectory, 0.0 * pieces.length
-    turning = np.array([unit == "rad" for unit in machine.joint_units]) * efforts.joints
-    if corner.spread == 0.0:
-        return EffortBound(zero, zero, pieces.size.joints * 0.0)
+def _with_spread(error: EffortBound, efforts: CornerEfforts, pieces: _Pieces) -> EffortBound:
+    """Errors at each corner, shape (P C,), with what the corners of a payload's box miss.
+
+    See `moment_of_spread`.
+
+    Args:
+        error: Of all corners, shape (P,).
+        efforts: Their efforts.
+        pieces: Pieces of the motion.
+    """
+    machine, trajectory = efforts.corners[0].machine, efforts.trajectory
     since = pieces.since, pieces.since + pieces.length
     ends = [trajectory.state_in(pieces.interval, at) for at in since]
     both = tuple(np.vstack(pair) for pair in zip(*ends, strict=True))
@@ -368,9 +361,21 @@ def _spread(corner: Corner, efforts: CornerEfforts, pieces: _Pieces) -> EffortBo
         base = root_motion_bounds(
             trajectory.base, pieces.interval, pieces.since, pieces.length, height=0.0
         )
-    found = moment_of_spread(machine, v, a, spread=corner.spread, base=base)
-    off = np.nan_to_num(found, nan=np.inf)
-    return EffortBound(zero, off, (off[:, None] * turning)[:, : pieces.size.joints.shape[1]])
+    of_one = moment_of_spread(machine, v, a, spread=1.0, base=base)
+    spreads = np.array([corner.spread for corner in efforts.corners])
+    off = _known(np.outer(of_one, spreads)).ravel()
+    turning = np.array([unit == "rad" for unit in machine.joint_units])
+    joints = np.repeat(error.joints, len(spreads), axis=0)
+    return EffortBound(
+        np.repeat(error.force, len(spreads)),
+        np.repeat(error.moment, len(spreads)) + off,
+        joints + off[:, None] * turning if efforts.joints else joints,
+    )
+
+
+def _known(bounds: Array) -> Array:
+    """Bounds, infinite where their computation has overflowed."""
+    return np.where(np.isnan(bounds), np.inf, bounds)
 
 
 @cache
@@ -390,6 +395,12 @@ def _to_powers(degree: int) -> Array:
     for k in range(degree + 1):
         powers[: k + 1, k] = np.polynomial.chebyshev.cheb2poly([0.0] * k + [1.0])
     return np.asarray(powers @ to_chebyshev)
+
+
+@cache
+def _operations(degree: int) -> float:
+    """Roundings of a polynomial's control points, in units of the largest effort it goes through."""
+    return float(8.0 * (degree + 1.0) * np.abs(_to_powers(degree)).sum())
 
 
 @cache

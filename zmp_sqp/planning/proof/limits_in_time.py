@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -42,17 +43,16 @@ class _Extremes:
             # the two times where the rate vanishes, each in its stable form
             sqrt = np.sqrt(a**2 - 2.0 * j * v)
             pivot = -(a + np.where(a >= 0.0, sqrt, -sqrt))
-            found = [np.zeros_like(a)]
-            for since in (no_acceleration, 2.0 * v / pivot, pivot / j, h):
-                found.append(np.where((since > 0.0) & (since <= h), since, 0.0))  # False for NaN
-            parts = [_at(trajectory, since) for since in found]
-            nodes = np.broadcast_to(trajectory.times[:, None], trajectory.positions.shape)
-            return cls(
-                np.vstack([nodes, *(starts + since for since in found)]),
-                np.vstack([trajectory.positions, *(part[0] for part in parts)]),
-                np.vstack([trajectory.velocities, *(part[1] for part in parts)]),
-                np.vstack([np.vstack([a, a[-1:]]), *(part[2] for part in parts)]),
-            )
+            since = np.stack([no_acceleration, 2.0 * v / pivot, pivot / j, h])  # (4, N, n)
+            since = np.where((since > 0.0) & (since <= h), since, 0.0)  # False for NaN
+            shape, inside = (-1, a.shape[1]), _at(trajectory, since)
+        nodes = np.broadcast_to(trajectory.times[:, None], trajectory.positions.shape)
+        return cls(
+            np.vstack([nodes, (starts + since).reshape(shape)]),
+            np.vstack([trajectory.positions, inside[0].reshape(shape)]),
+            np.vstack([trajectory.velocities, inside[1].reshape(shape)]),
+            np.vstack([a, a[-1:], inside[2].reshape(shape)]),
+        )
 
 
 def limit_excess(machine: Machine, trajectory: Trajectory) -> tuple[float, float]:
@@ -78,7 +78,7 @@ def limit_guarantee(machine: Machine, trajectory: Trajectory) -> tuple[Guarantee
         excess, relative, times = _excesses(machine, trajectory)
     kind, joint = np.unravel_index(int(np.argmax(relative)), relative.shape)
     room, kept = -float(excess[kind, joint]), bool(relative[kind, joint] <= LIMIT_TOLERANCE)
-    unit = machine.joint_units[joint] + ("", "", "/s", "/s^2")[kind]
+    unit = _joint_units(machine)[joint] + ("", "", "/s", "/s^2")[kind]
     guarantee = Guarantee(
         name="joint_limits",
         label=f"{machine.joint_names[joint]} {KINDS[kind]}",
@@ -110,6 +110,12 @@ def joints_least_duration(machine: Machine, trajectory: Trajectory) -> float:
     )
 
 
+@lru_cache(maxsize=32)
+def _joint_units(machine: Machine) -> tuple[str, ...]:
+    """Units of a machine's joints, which take longer to look up than limits to check."""
+    return machine.joint_units
+
+
 def _excesses(machine: Machine, trajectory: Trajectory) -> tuple[Array, Array, Array]:
     """Largest excess over each limit, its relative form, and when, shape (4, n) in KINDS' order."""
     limits, extremes = machine.limits, _Extremes.of(trajectory)
@@ -122,10 +128,13 @@ def _excesses(machine: Machine, trajectory: Trajectory) -> tuple[Array, Array, A
     bounds = np.stack(
         [limits.position_upper, -limits.position_lower, limits.velocity, limits.acceleration]
     )
-    at = np.stack([np.argmax(np.nan_to_num(part, nan=np.inf), axis=0) for part in values])
-    peaks = np.stack([np.nan_to_num(part, nan=np.inf).max(axis=0) for part in values])
+    every = np.stack(values)  # (4, M, n)
+    every[np.isnan(every)] = np.inf
+    at = every.argmax(axis=1)
+    peaks = np.take_along_axis(every, at[:, None], axis=1)[:, 0]
     times = np.take_along_axis(extremes.times, at, axis=0)
-    excess = np.nan_to_num(peaks - bounds, nan=np.inf, posinf=np.inf, neginf=-np.inf)
+    excess = peaks - bounds
+    excess[np.isnan(excess)] = np.inf
     unlimited = np.isnan(bounds) | (bounds == np.inf)
     excess = np.where(unlimited, -np.inf, excess)
     unit = np.ones_like(bounds)
@@ -134,7 +143,7 @@ def _excesses(machine: Machine, trajectory: Trajectory) -> tuple[Array, Array, A
 
 
 def _at(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
-    """Positions, rates, accelerations at a time of its own per joint and interval, (N, n) each."""
+    """Positions, rates, accelerations at times t (M, N, n) after the starts of the intervals."""
     q, v = trajectory.positions[:-1], trajectory.velocities[:-1]
     a, j = trajectory.accelerations, trajectory.jerks
     position = q + t * v + 0.5 * t**2 * a + t**3 * j / 6.0

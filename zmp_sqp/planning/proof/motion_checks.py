@@ -51,11 +51,9 @@ def check_drift(trajectory: Trajectory) -> None:
             ("base poses", base.poses, pose),
         ]
     for name, values, reached in followed:
-        gaps = values[1:] - reached
         with np.errstate(all="ignore"):
-            drift = float(
-                np.ptp(np.vstack([np.zeros_like(gaps[:1]), np.cumsum(gaps, axis=0)]), axis=0).max()
-            )
+            drifts = np.cumsum(values[1:] - reached, axis=0)
+            drift = float((drifts.max(axis=0).clip(0.0) - drifts.min(axis=0).clip(None, 0.0)).max())
             allowed = DRIFT + OPERATIONS * EPSILON * float(np.abs(values).sum(axis=0).max())
         if not drift <= allowed:
             raise TrajectoryError(

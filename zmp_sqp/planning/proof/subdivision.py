@@ -141,7 +141,8 @@ def subdivide(
     """
     least = [LeastValue() for _ in wanted]
     interval = np.repeat(np.arange(len(parts)), parts)
-    share = np.concatenate([np.arange(count) / count for count in parts])
+    number = np.arange(len(interval)) - np.repeat(np.cumsum(parts) - parts, parts)
+    share = number / parts[interval]
     length = (1.0 / parts)[interval]
     states = 0
     while len(interval):
