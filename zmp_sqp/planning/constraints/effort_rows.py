@@ -82,15 +82,21 @@ class EffortRows:
 
     def room(self, sample: MotionSample) -> Array:
         """-(C e + c d) in each row's unit, shape (K, R)."""
-        return self._room(sample.efforts)
+        return self.room_of(sample.efforts)
 
     def least_between(self, stretch: Stretch, ends: Array) -> tuple[Array, Array]:
         """Least room at the control points less the errors of the efforts."""
-        rounding = self.uncertainty(stretch.rounding)
-        least = self._room(stretch.control).min(axis=0)
-        return least - rounding - self.uncertainty(stretch.interpolation), ends - rounding
+        return self.least_of(stretch, self.room_of(stretch.control))
 
-    def _room(self, efforts: Array) -> Array:
+    def least_of(self, stretch: Stretch, room: Array) -> tuple[Array, Array]:
+        """`least_between`, from the room at the control points, shape (n + 1, K, R)."""
+        rounding, interpolation = (
+            self.uncertainty(off) for off in (stretch.rounding, stretch.interpolation)
+        )
+        ends = np.minimum(room[0], room[-1])
+        return room.min(axis=0) - rounding - interpolation, ends - rounding
+
+    def room_of(self, efforts: Array) -> Array:
         """Room of efforts of shape (..., R'), shape (..., R); -inf where it is not finite."""
         room = -(efforts[..., : self.C.shape[1]] @ self.C.T) - self.c * self.divisor
         return np.where(np.isfinite(room), room, -np.inf)

@@ -16,7 +16,7 @@ from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.support import SupportPolygon
 from zmp_sqp.mechanics.wrench import WRENCH
 from zmp_sqp.planning.constraints.effort_rows import EffortRows
-from zmp_sqp.planning.constraints.protocol import MotionSample, Stretch
+from zmp_sqp.planning.constraints.protocol import Stretch
 
 __all__ = ["GUARD", "LEAST_NORMAL_FORCE", "Contact", "TipOver", "TipOverRows", "supported"]
 
@@ -89,11 +89,7 @@ class TipOverRows(EffortRows):
         margin = self.margin + amount
         return replace(self, C=self.support.wrench_rows(margin), margin=margin)
 
-    def room(self, sample: MotionSample) -> Array:
-        """Distance from the zero moment point to each edge, -inf where the ground must pull [m]."""
-        return self._distance(sample.efforts)
-
-    def least_between(self, stretch: Stretch, ends: Array) -> tuple[Array, Array]:
+    def least_of(self, stretch: Stretch, room: Array) -> tuple[Array, Array]:
         r"""Least distance inside a stretch.
 
         Let m be the least distance at the control points of the wrench. With
@@ -103,19 +99,26 @@ class TipOverRows(EffortRows):
 
         .. math:: \text{distance}(t) \ge m - \frac{\epsilon}{\min f_z}
         """
-        least = self._distance(stretch.control).min(axis=0)  # (K, V)
         normal = stretch.control[:, :, 2:3]  # (n + 1, K, 1)
-        rounding = stretch.rounding
-        bound = self._less(least, normal.min(axis=0), rounding.plus(stretch.interpolation))
-        return bound, self._less(ends, normal[[0, -1]].min(axis=0), rounding)
+        rounding, every = stretch.rounding, stretch.rounding.plus(stretch.interpolation)
+        bound = self._less(room.min(axis=0), normal.min(axis=0), every)
+        ends = np.minimum(room[0], room[-1])
+        return bound, self._less(ends, np.minimum(normal[0], normal[-1]), rounding)
 
-    def _distance(self, efforts: Array) -> Array:
-        """Distance of the zero moment point of efforts (..., R) to each edge, shape (..., V)."""
-        wrench = efforts[..., :WRENCH]
-        normal = wrench[..., 2:3]
+    def room_of(self, efforts: Array) -> Array:
+        """Distance of the zero moment point to each edge, -inf where the ground must pull [m].
+
+        Args:
+            efforts: Shape (..., R).
+
+        Returns:
+            Shape (..., V).
+        """
+        normal = efforts[..., 2:3]
         with np.errstate(all="ignore"):
-            distance = -(wrench @ self.distance.T) / normal
-        return np.where((normal > 0.0) & np.isfinite(distance), distance, -np.inf)
+            distance = (efforts[..., :WRENCH] @ self.distance.T) / -normal
+        distance[~((normal > 0.0) & np.isfinite(distance))] = -np.inf
+        return distance
 
     def _less(self, distance: Array, normal: Array, off: EffortBound) -> Array:
         """Distances (K, V) less what a wrench within `off` can change.
@@ -171,7 +174,7 @@ class Contact:
 class ContactRows(EffortRows):
     """Row of the normal force; its room is the force itself."""
 
-    def _room(self, efforts: Array) -> Array:
+    def room_of(self, efforts: Array) -> Array:
         """Normal force of efforts of shape (..., R), shape (..., 1) [N]."""
         normal = efforts[..., 2:3]
         return np.where(np.isfinite(normal), normal, -np.inf)

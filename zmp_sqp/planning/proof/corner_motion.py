@@ -155,9 +155,10 @@ class CornerMotion:
     def _values_of_rows(
         self, rows: ConstraintRows, stretches: _Stretches, corner: int
     ) -> StretchValues:
-        machine, count = self.corners[corner].machine, len(stretches.corner)
-        interval, (start, end) = stretches.interval, stretches.since
-        nothing = np.zeros((count, 0))
+        """Values of one constraint whose rows are the same on all stretches."""
+        machine, interval = self.corners[corner].machine, stretches.interval
+        start, end = stretches.since
+        nothing = np.zeros((len(interval), 0))
         states = [(nothing,) * 3] * 2
         reach = v = a = j = nothing
         if not isinstance(rows, EffortRows):
@@ -165,24 +166,15 @@ class CornerMotion:
             both = tuple(np.vstack(pair) for pair in zip(*states, strict=True))
             j = np.abs(self.trajectory.jerks[interval])
             reach, v, a = peaks(both, j, stretches.delta[:, None])
+        control = stretches.control
         ends = [
             MotionSample(machine, *state, efforts)
-            for state, efforts in zip(states, stretches.control[[0, -1]], strict=True)
+            for state, efforts in zip(states, (control[0], control[-1]), strict=True)
         ]
-        room = np.stack([rows.room(sample) for sample in ends])  # (2, K, R)
-        stretch = Stretch(
-            *ends,
-            stretches.delta,
-            reach,
-            v,
-            a,
-            j,
-            stretches.interpolation,
-            stretches.rounding,
-            stretches.control,
-        )
+        errors = stretches.interpolation, stretches.rounding
+        stretch = Stretch(*ends, stretches.delta, reach, v, a, j, *errors, control)
         times = self.trajectory.times[interval] + stretches.since
-        return _stretch_values(rows, stretch, room, times)
+        return _stretch_values(rows, stretch, times)
 
 
 class _Stretches:
@@ -215,29 +207,31 @@ class _Stretches:
         )
 
 
-def _stretch_values(
-    rows: ConstraintRows, stretch: Stretch, room: Array, times: Array
-) -> StretchValues:
+def _stretch_values(rows: ConstraintRows, stretch: Stretch, times: Array) -> StretchValues:
     """Least of a constraint's rows on K stretches, in the unit of its first row.
 
     Args:
         rows: The constraint.
         stretch: The stretches.
-        room: Room at starts and ends, shape (2, K, R).
         times: Times of starts and ends, shape (2, K) [s].
     """
-    scale, every = row_scale(rows), np.arange(room.shape[1])
-    ends = room.min(axis=0)  # (K, R)
-    scaled = ends / scale
-    row = scaled.argmin(axis=1)
-    least = scaled[every, row]
-    earlier = room[0, every, row] <= room[1, every, row]
-    time = np.where(earlier, times[0], times[1])
-    if not rows.proven:
-        return StretchValues(least, time, row, least, least)
-    bound, reachable = rows.least_between(stretch, ends)
+    if isinstance(rows, EffortRows):
+        room = rows.room_of(stretch.control)
+        bound, reachable = rows.least_of(stretch, room)
+    else:
+        room = np.stack([rows.room(sample) for sample in (stretch.start, stretch.end)])
+        bound = reachable = np.minimum(room[0], room[-1])
+        if rows.proven:
+            bound, reachable = rows.least_between(stretch, bound)
+    scale = row_scale(rows)
+    start, end = ((part / scale).min(axis=1) for part in (room[0], room[-1]))
+    first = start <= end
     return StretchValues(
-        least, time, row, (bound / scale).min(axis=1), (reachable / scale).min(axis=1)
+        np.where(first, start, end),
+        np.where(first, times[0], times[1]),
+        (np.where(first[:, None], room[0], room[-1]) / scale).argmin(axis=1),
+        (bound / scale).min(axis=1),
+        (reachable / scale).min(axis=1),
     )
 
 
