@@ -81,8 +81,7 @@ class EffortCurves:
         efforts: Inverse dynamics that they stand in for.
         interval, since, length: Of each piece: its interval, where it starts there [s], how long it
             is [s], shape (P,) each.
-        coefficients: Of the powers of w, which runs from -1 to 1 along a piece, shape
-            (n + 1, P C, R).
+        values: Of the polynomials at n + 1 Chebyshev points, shape (n + 1, P C, R).
         error: Bound on the difference of polynomials and exact efforts, shape (P,) if it is the
             same for all corners, otherwise (P C,).
         is_vague: Whether rounding alone leaves the efforts on a piece unknown, shape (P,).
@@ -93,7 +92,7 @@ class EffortCurves:
     interval: Indices
     since: Array
     length: Array
-    coefficients: Array
+    values: Array
     error: EffortBound
     is_vague: Array
     exhausted: bool
@@ -111,17 +110,19 @@ class EffortCurves:
         pieces, chosen = _good_pieces(
             bodies, trajectory, strength, TOLERANCE * weight, reach, joints=efforts.joints
         )
+        if len(corners) > 1:  # memory that is not moved is worth more than states
+            chosen = np.full(len(chosen), chosen.max())
         rounding = _rounding(pieces, trajectory, len(corners), chosen)
         error = rounding.plus(pieces.remainder[chosen, np.arange(len(chosen))])
         if any(corner.spread > 0.0 for corner in corners):
             error = _with_spread(error, efforts, pieces)
-        coefficients = _fitted(efforts, pieces, chosen)
+        values = _values(efforts, pieces, chosen)
         return cls(
             efforts,
             pieces.interval,
             pieces.since,
             pieces.length,
-            coefficients,
+            values,
             error,
             ~(np.isfinite(rounding.force) & np.isfinite(rounding.moment)),
             len(pieces.interval) >= MOST_PIECES,
@@ -142,40 +143,41 @@ class EffortCurves:
     ) -> tuple[Array, EffortBound, EffortBound]:
         """Control points on K stretches and their error; see `MotionEfforts.stretches`."""
         number = piece * len(self.efforts.corners) + corner
-        coefficients = self.coefficients
-        if len(number) != coefficients.shape[1] or (length != 1.0).any():
-            coefficients = coefficients[:, number]
-        control = control_points(coefficients, share, length)
+        if len(number) == self.values.shape[1] and (length == 1.0).all():
+            control = control_points(self.values)
+        else:
+            control = control_points(self.values[:, number], share, length)
         error = self.error[piece if len(self.error.force) == len(self.interval) else number]
         none = EffortBound(0.0 * error.force, 0.0 * error.moment, 0.0 * error.joints)
         return control, none, error
 
 
-def control_points(coefficients: Array, share: Array, length: Array) -> Array:
+def control_points(
+    values: Array, share: Array | None = None, length: Array | None = None
+) -> Array:
     """Control points (Bernstein coefficients) of K polynomials on parts of their pieces.
 
     A polynomial lies in the convex hull of its control points, of which the first and the last are
     its values at the ends.
 
     Args:
-        coefficients: Of the powers of w, shape (n + 1, K, R).
-        share: Where each part starts, as a share of its piece, shape (K,).
-        length: How long it is, as a share of its piece, shape (K,).
+        values: At the Chebyshev points of the pieces, shape (n + 1, K, R).
+        share: Where each part starts, as a share of its piece, shape (K,); None for whole pieces.
+        length: How long it is, as a share of its piece, shape (K,); None for whole pieces.
 
     Returns:
         Shape (n + 1, K, R).
     """
-    n, count, rows = len(coefficients) - 1, *coefficients.shape[1:]
-    to_bernstein = _bernstein(n)
-    if (length == 1.0).all():
-        return (to_bernstein @ coefficients.reshape(n + 1, -1)).reshape(n + 1, count, rows)
-    centre, half = 2.0 * share + length - 1.0, length
-    powers = centre[:, None] ** np.arange(n + 1)
+    n, shape = len(values) - 1, values.shape
+    if share is None or length is None:
+        return (_bernstein(n) @ _to_powers(n) @ values.reshape(n + 1, -1)).reshape(shape)
+    coefficients = (_to_powers(n) @ values.reshape(n + 1, -1)).reshape(shape)
+    centre, half, orders = 2.0 * share + length - 1.0, length, np.arange(n + 1)
     # w = centre + half x: the coefficient of x^i holds comb(j, i) centre^(j - i) half^i of w^j
-    shift = np.zeros((count, n + 1, n + 1))
-    for i in range(n + 1):
-        shift[:, i, i:] = _binomials(n)[i, i:] * powers[:, : n + 1 - i] * (half**i)[:, None]
-    moved = np.matmul(to_bernstein @ shift, coefficients.transpose(1, 0, 2))
+    powers = centre[:, None] ** orders
+    shift = _binomials(n) * powers[:, np.maximum(orders - orders[:, None], 0)]  # (K, i, j)
+    shift *= (half[:, None] ** orders)[:, :, None]
+    moved = _bernstein(n) @ shift @ coefficients.transpose(1, 0, 2)
     return np.ascontiguousarray(moved.transpose(1, 0, 2))
 
 
@@ -293,9 +295,14 @@ def _norms(
     return Norms(*joints, *(part.ravel() for part in root))
 
 
-def _fitted(efforts: CornerEfforts, pieces: _Pieces, chosen: Indices) -> Array:
-    """Coefficients of the polynomials through efforts at Chebyshev points."""
-    most = DEGREES[int(chosen.max())]
+def _values(efforts: CornerEfforts, pieces: _Pieces, chosen: Indices) -> Array:
+    """Values of the polynomials at the Chebyshev points of the highest degree, (n + 1, P C, R).
+
+    Args:
+        efforts: Inverse dynamics at C corners.
+        pieces: The P pieces.
+        chosen: Index of the degree of each piece, shape (P,).
+    """
     groups = [(DEGREES[i], np.flatnonzero(chosen == i)) for i in np.unique(chosen)]
     at, since = [], []
     for degree, group in groups:
@@ -303,14 +310,15 @@ def _fitted(efforts: CornerEfforts, pieces: _Pieces, chosen: Indices) -> Array:
         at.append(np.tile(group, degree + 1))
         since.append((pieces.since[group] + shares * pieces.length[group]).ravel())
     where = np.concatenate(at)
-    values = efforts.at(pieces.interval[where], np.concatenate(since))  # (K, C, R)
-    shape = values.shape[1:]
-    found = np.zeros((most + 1, len(chosen), *shape))
-    first = 0
+    computed = efforts.at(pieces.interval[where], np.concatenate(since))  # (K, C, R)
+    most, shape = groups[-1][0], computed.shape[1:]
+    if len(groups) == 1:
+        return computed.reshape(most + 1, -1, shape[-1])
+    found, first = np.empty((most + 1, len(chosen), *shape)), 0
     for degree, group in groups:
         last = first + (degree + 1) * len(group)
-        fit = _to_powers(degree) @ values[first:last].reshape(degree + 1, -1)
-        found[: degree + 1, group] = fit.reshape(degree + 1, len(group), *shape)
+        part = _resampled(degree, most) @ computed[first:last].reshape(degree + 1, -1)
+        found[:, group] = part.reshape(most + 1, len(group), *shape)
         first = last
     return found.reshape(most + 1, -1, shape[-1])
 
@@ -333,8 +341,7 @@ def _rounding(
         turned = turned + np.abs(base.poses[pieces.interval, 2]) + h[:, 0] * spin
     # differences between corners take three times the operations
     operations = OPERATIONS * (1.0 + turned) * (1.0 if corners == 1 else 4.0)
-    fit = np.array([_operations(degree) for degree in DEGREES])[chosen]
-    share = EPSILON * (operations + fit)
+    share = EPSILON * (operations + _operations(DEGREES[int(chosen.max())]))
     size = pieces.size
     found = (share * size.force, share * size.moment, share[:, None] * size.joints)
     return EffortBound(*(_known(part) for part in found))
@@ -398,9 +405,21 @@ def _to_powers(degree: int) -> Array:
 
 
 @cache
+def _resampled(degree: int, most: int) -> Array:
+    """From values at the Chebyshev points of one degree to those of a higher one."""
+    powers = _points(most)[:, None] ** np.arange(degree + 1)
+    return np.asarray(powers @ _to_powers(degree)) if degree < most else np.eye(most + 1)
+
+
+@cache
 def _operations(degree: int) -> float:
-    """Roundings of a polynomial's control points, in units of the largest effort it goes through."""
-    return float(8.0 * (degree + 1.0) * np.abs(_to_powers(degree)).sum())
+    """Roundings of control points, in units of the largest effort that the polynomial goes through.
+
+    Powers of w are at most one, and so are those that a part of the piece shifts them by; each of
+    the sums has `degree` + 1 terms.
+    """
+    resampled = 3.0  # above the Lebesgue constants of all degrees, 2.5 for degree 10
+    return float(12.0 * resampled * (degree + 1.0) * np.abs(_to_powers(degree)).sum())
 
 
 @cache
