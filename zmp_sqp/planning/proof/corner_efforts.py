@@ -21,14 +21,15 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from zmp_sqp.arrays import Array, Indices
+from zmp_sqp.arrays import Array, Indices, frozen_array
+from zmp_sqp.errors import ProblemError
 from zmp_sqp.mechanics.ground import Ground, Slope
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.uncertainty import Corner
 from zmp_sqp.mechanics.wrench import WRENCH, efforts
 from zmp_sqp.motion.trajectory import Trajectory
 
-__all__ = ["CornerEfforts", "grouped"]
+__all__ = ["CornerEfforts", "gravity_of", "grouped"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,12 +97,21 @@ class CornerEfforts:
         _, grounds = _numbered([corner.ground for corner in self.corners])
         base = self.trajectory.base
         if base is None:
-            return None, [np.concatenate([-ground.gravity(), np.zeros(3)]) for ground in grounds]
+            return None, [np.append(-gravity_of(ground), np.zeros(3)) for ground in grounds]
         state = base.state_in(interval, since)
         support = self.corners[0].machine.support
         height = 0.0 if support is None else support.height
         motions = [ground.base_motion(*state).at_support_height(height) for ground in grounds]
         return motions[0].velocity, [motion.acceleration for motion in motions]
+
+
+def gravity_of(ground: Ground) -> Array:
+    """Gravity in the root frame of a machine that stands at yaw = 0, shape (3,) [m/s^2].
+
+    Raises:
+        ProblemError: The ground gives no three finite numbers.
+    """
+    return frozen_array(ground.gravity(), name="gravity", shape=(3,), error=ProblemError)
 
 
 def grouped(corners: Sequence[Corner], trajectory: Trajectory) -> list[list[Corner]]:

@@ -33,7 +33,7 @@ from zmp_sqp.mechanics.bounds.payload_spread import moment_of_spread
 from zmp_sqp.mechanics.ground import GRAVITY
 from zmp_sqp.motion.root_motion import root_motion_bounds
 from zmp_sqp.motion.trajectory import Trajectory
-from zmp_sqp.planning.proof.corner_efforts import CornerEfforts
+from zmp_sqp.planning.proof.corner_efforts import CornerEfforts, gravity_of
 from zmp_sqp.planning.proof.peaks import peaks
 
 __all__ = ["EffortCurves", "control_points"]
@@ -46,7 +46,6 @@ TOLERANCE = 4e-7
 FINENESS = 0.02
 # ellipses that are tried; the largest serves motions at rest, along which efforts are constant
 ELLIPSES = np.append(np.geomspace(3.0, 96.0, 8), 1e9)
-LONGEST = 1.0  # [s] of a piece to begin with
 MOST_PIECES = 16_000  # of all intervals together
 MOST_CUTS = 16  # into which a piece is cut at once whose polynomial is not good enough
 # roundings that add up in an effort: at most ten per joint and factor, and to spare
@@ -104,7 +103,8 @@ class EffortCurves:
         corners, trajectory = efforts.corners, efforts.trajectory
         bodies = body_norms([corner.machine for corner in corners])
         weight = sum(body.mass for body in bodies) * GRAVITY
-        strength = max(float(np.linalg.norm(corner.ground.gravity())) for corner in corners)
+        grounds = {id(corner.ground): corner.ground for corner in corners}.values()
+        strength = max(float(np.linalg.norm(gravity_of(ground))) for ground in grounds)
         support = corners[0].machine.support
         reach = 1.0 if support is None else 1.0 + support.reach + abs(support.height)
         pieces, chosen = _good_pieces(
@@ -200,8 +200,7 @@ def _good_pieces(
         reach: Largest distance of an edge from the root origin [m].
         joints: Whether to bound the joints' efforts too.
     """
-    steps = np.diff(trajectory.times)
-    parts = np.clip(np.ceil(steps / LONGEST), 1, MOST_PIECES // len(steps) + 1).astype(int)
+    parts = np.ones(trajectory.intervals, dtype=int)
     while True:
         pieces = _pieces(bodies, trajectory, strength, parts, joints=joints)
         missed = np.maximum(pieces.remainder.moment, reach * pieces.remainder.force)  # (D, P)
