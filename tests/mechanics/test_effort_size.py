@@ -79,9 +79,7 @@ def complex_efforts(
         turned[joint], offset[joint] = R, r
         spin, change = R.T @ w[parent], R.T @ turn[parent]
         at = R.T @ (
-            push[parent]
-            + np.cross(turn[parent], r)
-            + np.cross(w[parent], np.cross(w[parent], r))
+            push[parent] + np.cross(turn[parent], r) + np.cross(w[parent], np.cross(w[parent], r))
         )
         if slides:
             w[joint], turn[joint] = spin, change

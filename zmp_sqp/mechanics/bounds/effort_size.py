@@ -117,9 +117,7 @@ def _body_norms(machines: tuple[Machine, ...]) -> tuple[BodyNorms, ...]:
     )
 
 
-def effort_size(
-    bodies: Sequence[BodyNorms], norms: Norms, *, joints: bool = False
-) -> EffortBound:
+def effort_size(bodies: Sequence[BodyNorms], norms: Norms, *, joints: bool = False) -> EffortBound:
     """Bound on the efforts of inverse dynamics at K times.
 
     Args:

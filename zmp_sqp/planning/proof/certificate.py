@@ -278,7 +278,9 @@ def _prove_all(
             id(corner.machine): bound_rows(constraints, corner.machine, planned)
             for corner in {id(corner.machine): corner for corner in group}.values()
         }
-        rows = [[rows_of[id(corner.machine)][i] for corner in group] for i in range(len(constraints))]
+        rows = [
+            [rows_of[id(corner.machine)][i] for corner in group] for i in range(len(constraints))
+        ]
         # rows that do not depend on the corner are proven with the first one
         kept = [i for i, part in enumerate(rows) if number == 0 or part[0].per_corner]
         asked = [required if constraints[i].name == "tip_over" else 0.0 for i in kept]

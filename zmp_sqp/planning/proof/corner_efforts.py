@@ -17,19 +17,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 import pinocchio as pin
 
 from zmp_sqp.arrays import Array, Indices, frozen_array
 from zmp_sqp.errors import ProblemError
-from zmp_sqp.mechanics.ground import Ground, Slope
+from zmp_sqp.mechanics.ground import Ground, Slope, terrain_of
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.uncertainty import Corner
 from zmp_sqp.mechanics.wrench import WRENCH, efforts
 from zmp_sqp.motion.trajectory import Trajectory
 
 __all__ = ["CornerEfforts", "gravity_of", "grouped"]
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -101,7 +104,8 @@ class CornerEfforts:
         state = base.state_in(interval, since)
         support = self.corners[0].machine.support
         height = 0.0 if support is None else support.height
-        motions = [ground.base_motion(*state).at_support_height(height) for ground in grounds]
+        terrains = [terrain_of(ground) for ground in grounds]
+        motions = [terrain.base_motion(*state).at_support_height(height) for terrain in terrains]
         return motions[0].velocity, [motion.acceleration for motion in motions]
 
 
@@ -141,10 +145,10 @@ def _same_joints(one: Machine, other: Machine) -> bool:
     )
 
 
-def _numbered(objects: Sequence[Machine | Ground]) -> tuple[list[int], list]:
+def _numbered(objects: Sequence[T]) -> tuple[list[int], list[T]]:
     """Number of each object among the distinct ones, and these, in order of appearance."""
     number_of: dict[int, int] = {}
-    distinct = []
+    distinct: list[T] = []
     for one in objects:
         if id(one) not in number_of:
             number_of[id(one)] = len(distinct)
@@ -247,7 +251,7 @@ def _differences(
     return force, moment, first_moment
 
 
-def _parameters(body: pin.Inertia) -> tuple[Array, Array, Array]:
+def _parameters(body: Any) -> tuple[Array, Array, Array]:
     """Mass, first moment and inertia about the joint of a body, joint axes."""
     mass, lever = body.mass, body.lever
     about_joint = body.inertia + mass * (lever @ lever * np.eye(3) - np.outer(lever, lever))

@@ -15,7 +15,7 @@ from zmp_sqp.planning.constraints.effort_rows import EffortRows
 from zmp_sqp.planning.constraints.protocol import ConstraintRows, MotionSample, Stretch
 from zmp_sqp.planning.constraints.tip_over import ContactRows, TipOverRows
 from zmp_sqp.planning.proof.peaks import peaks
-from zmp_sqp.planning.proof.subdivision import StretchValues
+from zmp_sqp.planning.proof.subdivision import Mask, StretchValues
 
 __all__ = ["CornerMotion", "MotionEfforts", "row_scale"]
 
@@ -44,7 +44,7 @@ class MotionEfforts(Protocol):
         """Into how many stretches each piece is cut at first, shape (P,)."""
 
     @property
-    def is_vague(self) -> Array:
+    def is_vague(self) -> Mask:
         """Whether rounding alone leaves the efforts on a piece unknown, shape (P,)."""
 
     @property
@@ -158,8 +158,8 @@ class CornerMotion:
         """Values of one constraint whose rows are the same on all stretches."""
         machine, interval = self.corners[corner].machine, stretches.interval
         start, end = stretches.since
-        nothing = np.zeros((len(interval), 0))
-        states = [(nothing,) * 3] * 2
+        nothing: Array = np.zeros((len(interval), 0))
+        states = [(nothing, nothing, nothing)] * 2
         reach = v = a = j = nothing
         if not isinstance(rows, EffortRows):
             states = [self.trajectory.state_in(interval, at) for at in (start, end)]
@@ -167,12 +167,18 @@ class CornerMotion:
             j = np.abs(self.trajectory.jerks[interval])
             reach, v, a = peaks(both, j, stretches.delta[:, None])
         control = stretches.control
-        ends = [
-            MotionSample(machine, *state, efforts)
-            for state, efforts in zip(states, (control[0], control[-1]), strict=True)
-        ]
-        errors = stretches.interpolation, stretches.rounding
-        stretch = Stretch(*ends, stretches.delta, reach, v, a, j, *errors, control)
+        stretch = Stretch(
+            start=MotionSample(machine, *states[0], control[0]),
+            end=MotionSample(machine, *states[1], control[-1]),
+            length=stretches.delta,
+            reach=reach,
+            v=v,
+            a=a,
+            j=j,
+            interpolation=stretches.interpolation,
+            rounding=stretches.rounding,
+            control=control,
+        )
         times = self.trajectory.times[interval] + stretches.since
         return _stretch_values(rows, stretch, times)
 
@@ -247,8 +253,12 @@ def _same_room(rows: Sequence[ConstraintRows]) -> bool:
     first = rows[0]
     if len(rows) == 1 or isinstance(first, TipOverRows | ContactRows):
         return True  # all corners have one support polygon
-    return type(first) is EffortRows and all(
-        np.array_equal(one.C, first.C)
-        and np.array_equal(one.c * one.divisor, first.c * first.divisor)
+    if type(first) is not EffortRows:
+        return False
+    limits = first.c * first.divisor
+    return all(
+        type(one) is EffortRows
+        and np.array_equal(one.C, first.C)
+        and np.array_equal(one.c * one.divisor, limits)
         for one in rows[1:]
     )

@@ -23,6 +23,7 @@ from zmp_sqp.motion.root_motion import root_motion, root_motion_bounds
 from zmp_sqp.motion.trajectory import Trajectory
 from zmp_sqp.planning.proof.path_error import misplaced_root_bounds
 from zmp_sqp.planning.proof.peaks import peaks
+from zmp_sqp.planning.proof.subdivision import Mask
 
 __all__ = ["EffortChords"]
 
@@ -53,7 +54,7 @@ class EffortChords:
     joints: bool
     length: Array
     error: EffortBound
-    is_vague: Array
+    is_vague: Mask
     curvature: EffortBound
     fineness = 1.0
     exhausted = False

@@ -35,6 +35,7 @@ from zmp_sqp.motion.root_motion import root_motion_bounds
 from zmp_sqp.motion.trajectory import Trajectory
 from zmp_sqp.planning.proof.corner_efforts import CornerEfforts, gravity_of
 from zmp_sqp.planning.proof.peaks import peaks
+from zmp_sqp.planning.proof.subdivision import Mask
 
 __all__ = ["EffortCurves", "control_points"]
 
@@ -93,7 +94,7 @@ class EffortCurves:
     length: Array
     values: Array
     error: EffortBound
-    is_vague: Array
+    is_vague: Mask
     exhausted: bool
     fineness = FINENESS
 
@@ -152,9 +153,7 @@ class EffortCurves:
         return control, none, error
 
 
-def control_points(
-    values: Array, share: Array | None = None, length: Array | None = None
-) -> Array:
+def control_points(values: Array, share: Array | None = None, length: Array | None = None) -> Array:
     """Control points (Bernstein coefficients) of K polynomials on parts of their pieces.
 
     A polynomial lies in the convex hull of its control points, of which the first and the last are
@@ -236,9 +235,7 @@ def _pieces(
     norms = _norms(bodies, trajectory, interval, since + 0.5 * length, A, B, strength)
     found = effort_size(bodies, norms, joints=joints)
     shape = len(A), len(interval)
-    force, moment = (
-        _known(part.reshape(shape)) for part in (found.force, found.moment)
-    )
+    force, moment = (_known(part.reshape(shape)) for part in (found.force, found.moment))
     of_joints = _known(found.joints.reshape(*shape, -1))
     factor = 4.0 / (ELLIPSES ** np.array(DEGREES)[:, None] * (ELLIPSES - 1.0))  # (D, E)
     remainder = EffortBound(
@@ -281,17 +278,18 @@ def _norms(
     change = A * j
     rate = A * (0.5 * change + a) + v  # (n, E, P)
     reach = q + A * rate if any(body.slides for body in bodies) else rate  # larger than needed
-    joints = [part.reshape(n, -1) for part in (B * rate, reach, rate, a + change)]
+    parts = (B * rate, reach, rate, a + change)
+    imaginary, reach, rate, acceleration = (part.reshape(n, -1) for part in parts)
+    of_joints = imaginary, reach, rate, acceleration
     if trajectory.base is None:
-        return Norms(*joints, zero, zero, zero + strength)
+        return Norms(*of_joints, zero, zero, zero + strength)
     peak = trajectory.base.peaks(interval, centre, 0.0 * centre)  # (2, 3, P)
     (speed, push, jerk), (spin, turn, yaw_jerk) = peak
     speed = speed + A * (push + 0.5 * A * jerk)
     spin = spin + A * (turn + 0.5 * A * yaw_jerk)
     # on a plane gravity turns against the heading
-    acceleration = push + A * jerk + speed * spin + strength * np.exp(B * spin)
-    root = (spin, turn + A * yaw_jerk, acceleration)
-    return Norms(*joints, *(part.ravel() for part in root))
+    push = push + A * jerk + speed * spin + strength * np.exp(B * spin)
+    return Norms(*of_joints, spin.ravel(), (turn + A * yaw_jerk).ravel(), push.ravel())
 
 
 def _values(efforts: CornerEfforts, pieces: _Pieces, chosen: Indices) -> Array:

@@ -89,9 +89,7 @@ class LeastValue:
     exhausted: bool = False
     _best: float = np.inf
 
-    def take(
-        self, interval: Indices, found: StretchValues, wanted: Wanted
-    ) -> tuple[Mask, Indices]:
+    def take(self, interval: Indices, found: StretchValues, wanted: Wanted) -> tuple[Mask, Indices]:
         """Take the values in; which stretches are still too loose, and into how many parts to cut.
 
         Returns:
