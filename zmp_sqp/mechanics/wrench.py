@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
+from threading import get_ident
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -122,7 +125,7 @@ def efforts(
     """
     states = _stack(machine, q, v, a, root_velocity, root_acceleration)
     rows = _rows(machine, joints)
-    model, data = machine.model, machine.model.createData()
+    model, data = machine.model, _memory(machine, get_ident())
     rnea, nothing = pin.rnea, np.zeros(0)
     found = [rnea(model, data, *state) for state in zip(*states, strict=True)]
     every = np.concatenate([nothing, *found]).reshape(len(found), model.nv)
@@ -175,7 +178,7 @@ def effort_derivatives(
     states = _stack(machine, q, v, a, root_velocity, root_acceleration)
     rows = _rows(machine, joints)
     pick = slice(0, WRENCH) if rows is None else rows
-    model, data = machine.model, machine.model.createData()
+    model, data = machine.model, _memory(machine, get_ident())
     count, size = len(states[0]), WRENCH if rows is None else len(rows)
     effort = np.empty((count, size))
     by_q, by_v = np.empty((2, count, size, model.nv))
@@ -196,6 +199,12 @@ def effort_derivatives(
     columns = np.concatenate([np.arange(WRENCH), machine.index_v])
     by_joints = by_q[:, :, machine.index_v]
     return EffortDerivatives(effort, by_joints, by_v[:, :, columns], by_a[:, :, columns])
+
+
+@lru_cache(maxsize=64)
+def _memory(machine: Machine, thread: int) -> Any:
+    """Memory that Pinocchio computes in, one per thread; to make it takes as long as 40 states."""
+    return machine.model.createData()
 
 
 def _rows(machine: Machine, joints: bool) -> Indices | None:

@@ -229,21 +229,25 @@ def _stretch_values(rows: ConstraintRows, stretch: Stretch, times: Array) -> Str
         bound = reachable = np.minimum(room[0], room[-1])
         if rows.proven:
             bound, reachable = rows.least_between(stretch, bound)
-    scale = row_scale(rows)
-    start, end = ((part / scale).min(axis=1) for part in (room[0], room[-1]))
-    first = start <= end
+    start, end, scale = room[0], room[-1], row_scale(rows)
+    if (scale != 1.0).any():
+        start, end, bound, reachable = (part / scale for part in (start, end, bound, reachable))
+    at_start, at_end = start.min(axis=1), end.min(axis=1)
+    first = at_start <= at_end
     return StretchValues(
-        np.where(first, start, end),
+        np.where(first, at_start, at_end),
         np.where(first, times[0], times[1]),
-        (np.where(first[:, None], room[0], room[-1]) / scale).argmin(axis=1),
-        (bound / scale).min(axis=1),
-        (reachable / scale).min(axis=1),
+        np.where(first[:, None], start, end).argmin(axis=1),
+        bound.min(axis=1),
+        reachable.min(axis=1),
     )
 
 
 def row_scale(rows: ConstraintRows) -> Array:
     """By what the room of each row is divided to be compared with the first row's, shape (R,)."""
     resolution = rows.resolution
+    if (resolution == resolution[0]).all():
+        return np.ones(len(resolution))
     finite = np.isfinite(resolution)
     return np.where(finite, resolution / np.where(finite, resolution[0], 1.0), 1.0)
 
