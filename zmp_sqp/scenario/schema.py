@@ -76,6 +76,10 @@ HALF_SIDES = Value(
     lambda value: _is_number(value) or POINT.accepts(value),
 )
 MATRIX = Value("3 rows of 3 finite numbers", lambda value: _is_list(value, POINT.accepts, 3))
+TABLES = Value(
+    "tables, one under each line [[constraints]]",
+    lambda value: _is_list(value, lambda entry: isinstance(entry, dict)),
+)
 POINTS = Value(
     "a list of points [x, y] of finite numbers",
     lambda value: _is_list(value, PAIR.accepts),
@@ -146,6 +150,7 @@ SCHEMA = Table(
         "ground": GROUND,
         "motion": MOTION,
         "base": BASE,
+        "constraints": TABLES,  # their keys depend on their types, see `path_constraints`
         "plan": PLAN,
     },
     required=("machine", "motion"),

@@ -11,11 +11,12 @@ from zmp_sqp.mechanics import stability_margin
 from zmp_sqp.planning import Plan, Problem, Trajectory
 from zmp_sqp.scenario import Scenario
 from zmp_sqp.show.canvas import sample_times
+from zmp_sqp.show.guarantees import GUARANTEE_KEYS, guarantee_fields
 from zmp_sqp.versions import installed_versions
 
 __all__ = ["RESULT_KEYS", "make_result", "plan_fields"]
 
-RESULT_KEYS = """\
+RESULT_KEYS = f"""\
 --json writes one object; SI units, null where there is no value:
   scenario, title           name and title of the scenario
   success, status, message  whether a motion was found; if not, why
@@ -24,7 +25,7 @@ RESULT_KEYS = """\
   iterations                number of SQP iterations
   qp_solver                 name of the QP solver, as given
   corner                    payload and slope for which the margin is least, or empty
-  solve_time                [s] planning time
+{GUARANTEE_KEYS}  solve_time                [s] planning time
   phase_plane               duration and margin of the phase-plane baseline, which ignores the
                             ZMP; null if start or goal is in motion, or if the base drives
   diagnosis                 if no motion was found: largest_payload [kg], steepest_slope [rad]
@@ -61,6 +62,7 @@ def make_result(scenario: Scenario, found: Plan, baseline: Trajectory | None) ->
         "title": scenario.title,
         **plan_fields(found),
         "corner": found.certificate.corner,
+        "guarantees": guarantee_fields(found.certificate.guarantees),
         "solve_time": found.solve_time,
         "phase_plane": None if baseline is None else _baseline_result(found.problem, baseline),
         "diagnosis": None,

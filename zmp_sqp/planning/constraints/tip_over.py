@@ -1,4 +1,4 @@
-"""The machine neither tips over nor leaves the ground."""
+"""Constraints that keep the machine from tipping over and from lifting off the ground."""
 
 from __future__ import annotations
 
@@ -16,45 +16,54 @@ from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.support import SupportPolygon
 from zmp_sqp.mechanics.wrench import WRENCH
 from zmp_sqp.planning.constraints.effort_rows import EffortRows
-from zmp_sqp.planning.constraints.protocol import Stretch
+from zmp_sqp.planning.constraints.protocol import MotionSample, Stretch
 
-__all__ = ["GUARD", "LEAST_NORMAL_FORCE", "Contact", "TipOver", "TipOverRows", "supported"]
+__all__ = [
+    "GUARD",
+    "LEAST_NORMAL_FORCE",
+    "Contact",
+    "TipOver",
+    "TipOverRows",
+    "edge_label",
+    "supported",
+]
 
-GUARD = 5e-5  # [m] kept beyond the margin that is asked for, so that its proof needs few samples
-LEAST_NORMAL_FORCE = 0.05  # of the weight: with less the tracks are as good as in the air
-RESOLUTION = 2e-4  # [m] by which a guaranteed margin may fall short of the sampled one
+GUARD = 5e-5  # [m] added to the required margin in the program, so that its proof needs few samples
+LEAST_NORMAL_FORCE = 0.05  # share of the weight: with less, the tracks have next to no contact
+RESOLUTION = 2e-4  # [m] by which the guaranteed margin may fall short of the sampled one
 
 
 @dataclass(frozen=True, slots=True)
 class TipOver:
-    r"""The zero moment point keeps a margin from every edge of the support polygon.
+    r"""Constraint that the zero moment point p keeps a margin from every support polygon edge.
 
     .. math:: (e_i \cdot p - b_i + margin)\, f_z \le 0
 
-    which is linear in the ground reaction wrench, see `SupportPolygon.wrench_rows`.
+    with the outward unit normal e_i and the offset b_i of edge i and the normal force f_z. It is
+    linear in the ground reaction wrench, see `SupportPolygon.wrench_rows`.
 
     Attributes:
-        margin: Least distance from every edge [m].
+        margin: Required distance from the zero moment point to every edge [m].
     """
 
     margin: float = 0.0
     name = "tip_over"
 
     def rows(self, machine: Machine, coordinates: Coordinates) -> TipOverRows:
-        """One row per edge."""
+        """One row per edge, with `GUARD` added to the margin."""
         return TipOverRows.of(machine, self.margin + GUARD)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TipOverRows(EffortRows):
-    """Rows of the support polygon's edges; their room is the distance of the zero moment point.
+    """Rows of `TipOver`, one per edge; their room is the distance from the zero moment point [m].
 
     Attributes:
-        support: The polygon.
-        weight: Mass times gravity, which scales the rows [N].
-        margin: Distance that the rows keep in the program [m].
-        distance: -1 times the normal force times the distance from every edge is this times the
-            wrench, shape (V, 6).
+        support: The support polygon.
+        weight: Mass times gravity, which scales the rows to order one [N].
+        margin: Distance from every edge that the rows enforce in the program [m].
+        distance: Matrix that gives -f_z times the distance from every edge, from the wrench, shape
+            (R, 6).
     """
 
     support: SupportPolygon
@@ -64,7 +73,11 @@ class TipOverRows(EffortRows):
 
     @classmethod
     def of(cls, machine: Machine, margin: float) -> TipOverRows:
-        """Rows of a machine's polygon.
+        """Rows of a machine's support polygon.
+
+        Args:
+            machine: Machine with a corner's payload.
+            margin: Distance from every edge that the rows enforce [m].
 
         Raises:
             ProblemError: The machine has no support polygon.
@@ -85,48 +98,52 @@ class TipOverRows(EffortRows):
         )
 
     def tightened(self, amount: float) -> TipOverRows:
-        """The rows with a margin that is larger by an amount [m]."""
+        """Rows whose margin is larger by an amount [m]."""
         margin = self.margin + amount
         return replace(self, C=self.support.wrench_rows(margin), margin=margin)
 
-    def least_of(self, stretch: Stretch, room: Array) -> tuple[Array, Array]:
-        r"""Least distance inside a stretch.
+    def room(self, sample: MotionSample) -> Array:
+        """Signed distance from the zero moment point to each edge, shape (K, R) [m].
 
-        Let m be the least distance at the control points of the wrench. With
-        :math:`r = (e \cdot p - b) f_z` of an edge, which is linear in the wrench,
-        :math:`r + m f_z` is not positive at any control point and therefore nowhere along the
-        polynomial. If it may be off by :math:`\epsilon`,
-
-        .. math:: \text{distance}(t) \ge m - \frac{\epsilon}{\min f_z}
+        It is -inf where the ground would have to pull, f_z <= 0.
         """
-        normal = stretch.control[:, :, 2:3]  # (n + 1, K, 1)
-        rounding, every = stretch.rounding, stretch.rounding.plus(stretch.interpolation)
-        bound = self._less(room.min(axis=0), normal.min(axis=0), every)
-        ends = np.minimum(room[0], room[-1])
-        return bound, self._less(ends, np.minimum(normal[0], normal[-1]), rounding)
-
-    def room_of(self, efforts: Array) -> Array:
-        """Distance of the zero moment point to each edge, -inf where the ground must pull [m].
-
-        Args:
-            efforts: Shape (..., R).
-
-        Returns:
-            Shape (..., V).
-        """
-        normal = efforts[..., 2:3]
+        wrench = sample.efforts[:, :WRENCH]
+        normal = wrench[:, 2:3]
         with np.errstate(all="ignore"):
-            distance = (efforts[..., :WRENCH] @ self.distance.T) / -normal
+            distance = (wrench @ self.distance.T) / -normal
         distance[~((normal > 0.0) & np.isfinite(distance))] = -np.inf
         return distance
 
-    def _less(self, distance: Array, normal: Array, off: EffortBound) -> Array:
-        """Distances (K, V) less what a wrench within `off` can change.
+    def least_of(self, stretch: Stretch, room: Array) -> tuple[Array, Array]:
+        r"""Lower bound on the distance from each edge inside each stretch.
+
+        Let r = (e . p - b) f_z, which is linear in the wrench, and let m be the least distance at
+        the control points of the wrench. Then r + m f_z is not positive at any control point, hence
+        nowhere on the polynomial. If the wrench is not the polynomial's, r + m f_z exceeds that of
+        the polynomial by at most :math:`\epsilon`, so that
+
+        .. math:: b - e \cdot p(t) \ge m - \frac{\epsilon}{\min f_z}
 
         Args:
-            distance: Shape (K, V) [m].
+            stretch: K stretches.
+            room: Distances at their control points, shape (n + 1, K, R) [m].
+
+        Returns:
+            The bound, and the bound that a stretch of no length would give, shape (K, R) each [m].
+        """
+        normal = stretch.control[:, :, 2:3]  # (n + 1, K, 1)
+        every = stretch.rounding.plus(stretch.interpolation)
+        bound = self._less(room.min(axis=0), normal.min(axis=0), every)
+        ends, at_ends = np.minimum(room[0], room[-1]), np.minimum(normal[0], normal[-1])
+        return bound, self._less(ends, at_ends, stretch.rounding)
+
+    def _less(self, distance: Array, normal: Array, off: EffortBound) -> Array:
+        """Distances (K, R) less what an error of the wrench can change, -inf without contact.
+
+        Args:
+            distance: Shape (K, R) [m].
             normal: Least normal force, shape (K, 1) [N].
-            off: Error of the wrench, shape (K,).
+            off: Bound on the error of the wrench, shape (K,).
         """
         force, moment = off.force[:, None], off.moment[:, None]
         with np.errstate(all="ignore"):
@@ -136,27 +153,31 @@ class TipOverRows(EffortRows):
         return np.where((normal > force) & ~np.isnan(inside), inside, -np.inf)
 
     def outside(self, wrench: Array) -> Array:
-        """Largest distance of the zero moment point beyond the rows' margin, shape (K,) [m]."""
+        """Distance by which the zero moment point violates the margin of the rows, (K,) [m].
+
+        Args:
+            wrench: Ground reaction about the root origin, root axes, shape (K, 6) [N, N m].
+        """
         return np.asarray((wrench @ self.C.T / wrench[:, 2:3]).max(axis=1))
 
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    r"""The ground presses on the machine, so that there is a zero moment point: f_z > 0.
+    r"""Constraint that the ground presses on the machine, without which there is no ZMP.
+
+    The certificate proves f_z > 0. The program enforces a little more,
 
     .. math:: f_z \ge least \cdot m g
 
-    in the program; the certificate proves f_z > 0.
-
     Attributes:
-        least: Normal force that the program keeps, as a share of the weight.
+        least: Least normal force in the program, as a share of the weight m g.
     """
 
     least: float = LEAST_NORMAL_FORCE
     name = "contact"
 
     def rows(self, machine: Machine, coordinates: Coordinates) -> ContactRows:
-        """One row."""
+        """One row: the normal force."""
         weight = machine.mass * GRAVITY
         C = np.zeros((1, WRENCH))
         C[0, 2] = -1.0
@@ -172,29 +193,35 @@ class Contact:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ContactRows(EffortRows):
-    """Row of the normal force; its room is the force itself."""
+    """Row of `Contact`; its room is the normal force [N]."""
 
-    def room_of(self, efforts: Array) -> Array:
-        """Normal force of efforts of shape (..., R), shape (..., 1) [N]."""
-        normal = efforts[..., 2:3]
+    def room(self, sample: MotionSample) -> Array:
+        """Normal force, shape (K, 1) [N]; -inf where it has no value."""
+        normal = sample.efforts[:, 2:3]
         return np.where(np.isfinite(normal), normal, -np.inf)
 
 
 @lru_cache(maxsize=32)
 def _edge_labels(support: SupportPolygon) -> tuple[str, ...]:
-    """What the rows of a polygon's edges limit, in words."""
-    return tuple(f"{support.edge_name(i)} edge" for i in range(len(support.vertices)))
+    """Labels of all edges."""
+    return tuple(edge_label(support, i) for i in range(len(support.vertices)))
 
 
 def supported(machine: Machine) -> SupportPolygon:
-    """The machine's support polygon.
+    """Support polygon of a machine.
 
     Raises:
-        ProblemError: It has none.
+        ProblemError: The machine has no support polygon.
     """
     if machine.support is None:
         raise ProblemError(
-            f"machine {machine.name!r} has no support polygon: give support= to load_machine, "
-            "a SupportPolygon or the names of its contact links"
+            f"machine {machine.name!r} has no support polygon: give support with the machine, "
+            "either the polygon or the names of the links that stand on the ground"
         )
     return machine.support
+
+
+def edge_label(support: SupportPolygon, index: int) -> str:
+    """Edge in words: "left edge" on a rectangle, "edge 3" on any other polygon."""
+    name = support.edge_name(index)
+    return name if name.startswith("edge") else f"{name} edge"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
 from typing import Protocol
 
 import numpy as np
@@ -222,7 +223,7 @@ def _stretch_values(rows: ConstraintRows, stretch: Stretch, times: Array) -> Str
         times: Times of starts and ends, shape (2, K) [s].
     """
     if isinstance(rows, EffortRows):
-        room = rows.room_of(stretch.control)
+        room = rows.room_of(stretch)
         bound, reachable = rows.least_of(stretch, room)
     else:
         room = np.stack([rows.room(sample) for sample in (stretch.start, stretch.end)])
@@ -257,12 +258,13 @@ def _same_room(rows: Sequence[ConstraintRows]) -> bool:
     first = rows[0]
     if len(rows) == 1 or isinstance(first, TipOverRows | ContactRows):
         return True  # all corners have one support polygon
-    if type(first) is not EffortRows:
+    if not isinstance(first, EffortRows):
         return False
-    limits = first.c * first.divisor
     return all(
-        type(one) is EffortRows
-        and np.array_equal(one.C, first.C)
-        and np.array_equal(one.c * one.divisor, limits)
+        type(one) is type(first)
+        and all(
+            np.array_equal(getattr(one, field.name), getattr(first, field.name))
+            for field in fields(first)
+        )
         for one in rows[1:]
     )
