@@ -68,7 +68,7 @@ class EffortBound:
         return EffortBound(self.force[stretches], self.moment[stretches], self.joints[stretches])
 
     def plus(self, other: EffortBound, weight: Array | float = 1.0) -> EffortBound:
-        """Sum of these bounds and `weight` times the other ones, weight scalar or shape (K,)."""
+        """Sum of these bounds and `weight` times other bounds; the weight is scalar or (K,)."""
         columns = weight[:, None] if isinstance(weight, np.ndarray) else weight
         return EffortBound(
             self.force + weight * other.force,
@@ -90,7 +90,7 @@ class _Link:
         lever: Norms of the vector from this joint to the centre of mass, orders 0 to 4 [m].
         spin: Norms of the angular velocity, orders 0 to 3 [rad/s, ...].
         unit: Norms of a unit vector fixed in the link, orders 0 to 4.
-        thrust: Norms of the acceleration of the centre of mass less gravity, orders 0 to 2.
+        acceleration: Norms of the acceleration of the centre of mass minus gravity, orders 0 to 2.
         tensor: Norms of the inertia tensor in axes that stand still, orders 0 to 3; empty for a
             point mass [kg m^2, ...].
     """
@@ -103,16 +103,16 @@ class _Link:
     lever: Bounds
     spin: Bounds
     unit: Bounds
-    thrust: Bounds
+    acceleration: Bounds
     tensor: Bounds
 
     def force(self, k: int) -> Array:
         """Bound on the k-th derivative of the force that moves the link alone [N, ...]."""
-        return np.asarray(self.mass * self.thrust[k])
+        return np.asarray(self.mass * self.acceleration[k])
 
     def moment(self, about: Bounds, k: int) -> Array:
-        """Bound on the k-th derivative of that force's moment, with the centre of mass at `about`."""
-        found = self.mass * leibniz(about, self.thrust, k)
+        """Bound on the k-th derivative of the force's moment; `about` is the lever's norms."""
+        found = self.mass * leibniz(about, self.acceleration, k)
         if self.tensor:
             found = found + leibniz(self.tensor, self.spin, k + 1)
         return np.asarray(found)
@@ -128,7 +128,7 @@ def wrench_curvature_bound(
     gravity: float,
     base: Array | None = None,
 ) -> EffortBound:
-    """Bound on the second time derivative of the ground reaction: the second part of `effort_bounds`.
+    """Bound on the second time derivative of the ground reaction, second part of `effort_bounds`.
 
     Args:
         machine, v, a, j, reach, gravity, base: Arguments of `effort_bounds`.
@@ -146,7 +146,7 @@ def wrench_size_bound(
     gravity: float,
     base: Array | None = None,
 ) -> EffortBound:
-    """Bound on the ground reaction itself: the first part of `effort_bounds`.
+    """Bound on the ground reaction itself, first part of `effort_bounds`.
 
     Args:
         machine, v, a, j, reach, gravity, base: Arguments of `effort_bounds`.
@@ -238,8 +238,8 @@ def _link_bounds(
         inertia = model.inertias[joint]
         reaching = float(np.linalg.norm(inertia.lever))
         lever = [body[k] * reaching for k in range(ORDERS)]
-        thrust = [origin[k] + lever[k] + drive[k - 1] for k in range(2, ORDERS)]
-        thrust[0] = thrust[0] + gravity
+        acceleration = [origin[k] + lever[k] + drive[k - 1] for k in range(2, ORDERS)]
+        acceleration[0] = acceleration[0] + gravity
         tensor = []
         if largest[joint] > 0.0:
             tensor = [np.full(count, float(largest[joint]))]
@@ -247,7 +247,16 @@ def _link_bounds(
                 tensor.append(2.0 * leibniz(own, tensor, k))
         links.append(
             _Link(
-                parent, inertia.mass, before.unit, offset, origin, lever, own, body, thrust, tensor
+                parent,
+                inertia.mass,
+                before.unit,
+                offset,
+                origin,
+                lever,
+                own,
+                body,
+                acceleration,
+                tensor,
             )
         )
     return links
@@ -261,7 +270,7 @@ def _joint_bounds(machine: Machine, links: list[_Link]) -> Array:
         [link.moment(link.lever, k) for k in range(3)] if i else [] for i, link in enumerate(links)
     ]
     column = {int(index): i for i, index in enumerate(machine.index_v)}
-    found = np.zeros((2, len(links[1].thrust[0]), machine.size))
+    found = np.zeros((2, len(links[1].acceleration[0]), machine.size))
     for joint in range(len(links) - 1, 1, -1):  # from tip to root
         link = links[joint]
         drawn = force[joint] if is_prismatic(model, joint) else moment[joint]

@@ -37,10 +37,10 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CornerEfforts:
-    """Inverse dynamics at several corners, whose machines differ in the inertia of bodies alone.
+    """Inverse dynamics at C corners whose machines differ in the inertia of bodies alone.
 
     Attributes:
-        corners: At least one. If the base drives, every ground is a `Slope`.
+        corners: At least one. All grounds are slopes if the base drives and there are several.
         trajectory: Motion of the joints and of the base.
         joints: Whether the efforts of the joints follow the wrench.
     """
@@ -53,8 +53,8 @@ class CornerEfforts:
         """Efforts at K times, shape (K, C, R) [N, N m].
 
         Args:
-            interval: Intervals of the trajectory, shape (K,).
-            since: Times after their starts, shape (K,) [s].
+            interval: Interval of each time, shape (K,).
+            since: Times after the starts of these intervals, shape (K,) [s].
         """
         q, v, a = self.trajectory.state_in(interval, since)
         twist, roots = self._root_motions(interval, since)
@@ -119,10 +119,10 @@ def gravity_of(ground: Ground) -> Array:
 
 
 def grouped(corners: Sequence[Corner], trajectory: Trajectory) -> list[list[Corner]]:
-    """Corners that can be proven together: all, or each alone.
+    """Groups of corners that can be proven together: one group of all, or one for each corner.
 
-    They can if the machines differ in inertia alone, and if the base, should it drive, drives on
-    slopes.
+    Corners can be proven together if their machines differ in inertia alone and if the base stands
+    or all grounds are slopes.
     """
     _, machines = _numbered([corner.machine for corner in corners])
     together = all(_same_joints(machines[0], machine) for machine in machines[1:])
@@ -146,7 +146,7 @@ def _same_joints(one: Machine, other: Machine) -> bool:
 
 
 def _numbered(objects: Sequence[T]) -> tuple[list[int], list[T]]:
-    """Number of each object among the distinct ones, and these, in order of appearance."""
+    """Index of each object in the list of distinct objects, and this list."""
     number_of: dict[int, int] = {}
     distinct: list[T] = []
     for one in objects:
@@ -171,10 +171,12 @@ class _Kinematics:
     """Motion of B bodies at K times, and the first moment of the whole machine.
 
     Attributes:
-        rotation: From the axes of each joint to those of the root, shape (B, K, 3, 3).
-        position: Of each joint in the root frame, shape (B, K, 3) [m].
-        twist, acceleration: Spatial, in the axes of the joint, gravity taken off, shape (B, K, 6).
-        first_moment: Of the machine about the root origin, shape (K, 3) [kg m].
+        rotation: Rotation from joint axes to root axes, shape (B, K, 3, 3).
+        position: Position of each joint in the root frame, shape (B, K, 3) [m].
+        twist: Spatial velocity in joint axes, linear part first, shape (B, K, 6) [m/s, rad/s].
+        acceleration: Spatial acceleration minus gravity in joint axes, shape (B, K, 6).
+        first_moment: First moment of the machine about the root origin, root axes, shape (K, 3)
+            [kg m].
     """
 
     rotation: Array
@@ -224,10 +226,11 @@ class _Kinematics:
 def _differences(
     machines: Sequence[Machine], bodies: Sequence[int], motion: _Kinematics
 ) -> tuple[Array, Array, Array]:
-    """Force, moment about the root origin, and first moment, of each machine less the first.
+    """Differences between each of U machines and the first one.
 
     Returns:
-        Root axes, shape (K, U, 3) each [N, N m, kg m].
+        Differences of the force, of the moment about the root origin, and of the first moment, root
+        axes, shape (K, U, 3) each [N, N m, kg m].
     """
     shape = len(motion.first_moment), len(machines), 3
     force, moment, first_moment = (np.zeros(shape) for _ in range(3))

@@ -1,4 +1,4 @@
-"""Values and bounds of constraints on stretches of a motion, for one or several corners."""
+"""Values and bounds of all constraints on stretches of a motion, at one or several corners."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from zmp_sqp.motion.trajectory import Trajectory
 from zmp_sqp.planning.constraints.effort_rows import EffortRows
 from zmp_sqp.planning.constraints.protocol import ConstraintRows, MotionSample, Stretch
 from zmp_sqp.planning.constraints.tip_over import ContactRows, TipOverRows
-from zmp_sqp.planning.proof.peaks import peaks
+from zmp_sqp.planning.proof.joint_peaks import peaks
 from zmp_sqp.planning.proof.subdivision import Mask, StretchValues
 
 __all__ = ["CornerMotion", "MotionEfforts", "row_scale"]
@@ -30,7 +30,7 @@ class MotionEfforts(Protocol):
 
     @property
     def since(self) -> Array:
-        """Where each piece starts in its interval, shape (P,) [s]."""
+        """Start of each piece after the start of its interval, shape (P,) [s]."""
 
     @property
     def length(self) -> Array:
@@ -38,19 +38,19 @@ class MotionEfforts(Protocol):
 
     @property
     def fineness(self) -> float:
-        """Share of the constraints' resolution to which guarantees are found."""
+        """Factor on the resolution of the constraints, by which guarantees are tighter."""
 
     @property
     def first_parts(self) -> Indices:
-        """Into how many stretches each piece is cut at first, shape (P,)."""
+        """Number of stretches that each piece is cut into at first, shape (P,)."""
 
     @property
     def is_vague(self) -> Mask:
-        """Whether rounding alone leaves the efforts on a piece unknown, shape (P,)."""
+        """Whether rounding errors of the efforts on each piece have no finite bound, shape (P,)."""
 
     @property
     def exhausted(self) -> bool:
-        """Whether more pieces than the limit would be needed."""
+        """Whether there are as many pieces as allowed, so that errors may be large."""
 
     def at(self, corner: int, interval: Indices, since: Array) -> Array:
         """Efforts of one corner at K times, by inverse dynamics, shape (K, R)."""
@@ -61,13 +61,12 @@ class MotionEfforts(Protocol):
         """Efforts on K stretches: control points, error of interpolation, error of the values.
 
         Args:
-            corner, piece: Of each stretch, shape (K,) each.
-            share: Where it starts, as a share of its piece, shape (K,).
-            length: How long it is, as a share of its piece, shape (K,).
+            corner, piece: Corner and piece of each stretch, shape (K,) each.
+            share: Start of each stretch, as a share of its piece, shape (K,).
+            length: Length of each stretch, as a share of its piece, shape (K,).
 
         Returns:
-            Control points, shape (n + 1, K, R), the first and the last of which are the efforts at
-            the ends; see `Stretch` for the errors.
+            Control points, shape (n + 1, K, R), and both errors, shape (K,), as in `Stretch`.
         """
 
 
@@ -84,33 +83,33 @@ class CornerMotion:
         efforts: MotionEfforts,
         rows: Sequence[Sequence[ConstraintRows]],
     ) -> None:
-        """Take what the values depend on.
+        """Store the arguments.
 
         Args:
-            corners: Corners.
+            corners: The C corners.
             trajectory: The motion.
-            efforts: Efforts along it at these corners.
-            rows: For each constraint its rows at each corner.
+            efforts: Efforts along the motion at these corners.
+            rows: Rows of each constraint at each corner.
         """
         self.corners, self.trajectory, self.efforts, self.rows = corners, trajectory, efforts, rows
         self._shared = [_same_room(per_corner) for per_corner in rows]
 
     @property
     def first_parts(self) -> Indices:
-        """Into how many stretches each piece is cut at first at each corner, shape (P C,)."""
+        """Number of stretches that each piece at each corner is cut into at first, (P C,)."""
         return np.repeat(self.efforts.first_parts, len(self.corners))
 
     def numbers(self, number: int) -> tuple[int, int]:
-        """Piece and corner that have a number."""
+        """Piece and corner of a number."""
         return divmod(number, len(self.corners))
 
     def values(self, number: Indices, share: Array, length: Array) -> list[StretchValues]:
         """Values of each constraint on K stretches.
 
         Args:
-            number: Of the piece and corner of each stretch, shape (K,).
-            share: Where it starts, as a share of its piece, shape (K,).
-            length: How long it is, as a share of its piece, shape (K,).
+            number: Number of the piece and corner of each stretch, shape (K,).
+            share: Start of each stretch, as a share of its piece, shape (K,).
+            length: Length of each stretch, as a share of its piece, shape (K,).
         """
         piece, corner = np.divmod(number, len(self.corners))
         control, interpolation, rounding = self.efforts.stretches(corner, piece, share, length)
@@ -141,7 +140,7 @@ class CornerMotion:
     def _values(
         self, per_corner: Sequence[ConstraintRows], stretches: _Stretches, *, shared: bool
     ) -> StretchValues:
-        """Values of one constraint."""
+        """Values of one constraint on K stretches; `shared` rows are those of the first corner."""
         if shared:
             return self._values_of_rows(per_corner[0], stretches, 0)
         count = len(stretches.corner)
@@ -185,7 +184,7 @@ class CornerMotion:
 
 
 class _Stretches:
-    """K stretches of a motion with their efforts, entries as in `MotionEfforts.stretches`."""
+    """K stretches of a motion with the results of `MotionEfforts.stretches`."""
 
     __slots__ = ("control", "corner", "delta", "interpolation", "interval", "rounding", "since")
 
@@ -199,10 +198,12 @@ class _Stretches:
         interpolation: EffortBound,
         rounding: EffortBound,
     ) -> None:
+        """Store the arguments."""
         self.corner, self.interval, self.since, self.delta = corner, interval, since, delta
         self.control, self.interpolation, self.rounding = control, interpolation, rounding
 
-    def __getitem__(self, chosen: Array) -> _Stretches:
+    def __getitem__(self, chosen: Mask) -> _Stretches:
+        """Some of the stretches."""
         return _Stretches(
             self.corner[chosen],
             self.interval[chosen],
@@ -215,7 +216,7 @@ class _Stretches:
 
 
 def _stretch_values(rows: ConstraintRows, stretch: Stretch, times: Array) -> StretchValues:
-    """Least of a constraint's rows on K stretches, in the unit of its first row.
+    """Least value of a constraint's rows on K stretches, in the unit of the first row.
 
     Args:
         rows: The constraint.
@@ -245,7 +246,7 @@ def _stretch_values(rows: ConstraintRows, stretch: Stretch, times: Array) -> Str
 
 
 def row_scale(rows: ConstraintRows) -> Array:
-    """By what the room of each row is divided to be compared with the first row's, shape (R,)."""
+    """Divisor of each row's room that makes it comparable with that of the first row, (R,)."""
     resolution = rows.resolution
     if (resolution == resolution[0]).all():
         return np.ones(len(resolution))
@@ -254,7 +255,7 @@ def row_scale(rows: ConstraintRows) -> Array:
 
 
 def _same_room(rows: Sequence[ConstraintRows]) -> bool:
-    """Whether equal efforts leave the rows of all corners equal room."""
+    """Whether the room of the rows depends on the corner through the efforts alone."""
     first = rows[0]
     if len(rows) == 1 or isinstance(first, TipOverRows | ContactRows):
         return True  # all corners have one support polygon

@@ -1,9 +1,9 @@
-"""Efforts on stretches of a motion from inverse dynamics at their ends, for one corner.
+r"""Efforts on stretches of a motion from inverse dynamics at their ends, for one corner.
 
-Over uneven ground the motion of the root is no analytic function of time, because the surface has
-continuous derivatives up to the fourth order only. Between two times that lie :math:`\\delta` apart,
-efforts then differ from the straight line between their values there by at most
-:math:`\\delta^2 / 8` times a bound on their second derivative (`effort_bounds`).
+Over uneven ground the motion of the root is not an analytic function of time, because the spline
+surface has continuous derivatives up to the fourth order only. Between two times that lie
+:math:`\delta` apart, efforts differ from the straight line between their values at both times by at
+most :math:`\delta^2 / 8` times a bound on their second derivatives (`effort_bounds`).
 """
 
 from __future__ import annotations
@@ -21,31 +21,31 @@ from zmp_sqp.mechanics.uncertainty import Corner
 from zmp_sqp.mechanics.wrench import efforts
 from zmp_sqp.motion.root_motion import root_motion, root_motion_bounds
 from zmp_sqp.motion.trajectory import Trajectory
-from zmp_sqp.planning.proof.path_error import misplaced_root_bounds
-from zmp_sqp.planning.proof.peaks import peaks
+from zmp_sqp.planning.proof.joint_peaks import peaks
+from zmp_sqp.planning.proof.position_errors import misplaced_root_bounds
 from zmp_sqp.planning.proof.subdivision import Mask
 
 __all__ = ["EffortChords"]
 
-STRETCHES = 6  # per interval to begin with
-LONGEST = 0.05  # [s] of a stretch to begin with
-FIRST = 20_000  # stretches to begin with, however long the motion is
-# roundings that add up in an effort: at most ten per joint and factor, and to spare
+STRETCHES = 6  # least number of stretches per interval at first
+LONGEST = 0.05  # [s] longest stretch at first
+FIRST = 20_000  # largest number of stretches at first, which limits time and memory
+# rounding errors that add up in an effort: at most ten per joint and factor, with room to spare
 OPERATIONS = 100.0
 EPSILON = float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EffortChords:
-    """Efforts of one corner while the base drives, see `MotionEfforts`; pieces are intervals.
+    """Efforts of one corner while the base drives, see `MotionEfforts`; a piece is an interval.
 
     Attributes:
-        machine: With the payload of the corner.
-        trajectory: With a base.
+        machine: Machine with the payload of the corner.
+        trajectory: Motion of the joints and the base.
         joints: Whether the efforts of the joints follow the wrench.
-        length: Of the intervals, shape (N,) [s].
-        error: Largest error of the efforts in each interval, shape (N,).
-        is_vague: Whether this error is infinite, shape (N,).
+        length: Lengths of the intervals, shape (N,) [s].
+        error: Bound on the error of computed efforts in each interval, shape (N,).
+        is_vague: Whether this bound is infinite, shape (N,).
         curvature: Bound on the second derivatives of the efforts in each interval, shape (N,).
     """
 
@@ -69,23 +69,23 @@ class EffortChords:
 
     @property
     def interval(self) -> Indices:
-        """Every interval is one piece."""
+        """Interval of each piece: its own index."""
         return np.arange(len(self.length))
 
     @property
     def since(self) -> Array:
-        """Pieces start where their intervals do."""
+        """Start of each piece: that of its interval."""
         return np.zeros(len(self.length))
 
     @property
     def first_parts(self) -> Indices:
-        """Into how many stretches each interval is cut at first, shape (N,)."""
+        """Number of stretches that each interval is cut into at first, shape (N,)."""
         parts = np.maximum(STRETCHES, np.ceil(self.length / LONGEST))
         parts = np.maximum(parts * min(1.0, FIRST / parts.sum()), 1.0)
         return np.asarray(parts.astype(int))
 
     def at(self, corner: int, interval: Indices, since: Array) -> Array:
-        """Efforts by inverse dynamics, shape (K, R); there is one corner."""
+        """Efforts by inverse dynamics, shape (K, R); `corner` is not used, as there is only one."""
         q, v, a = self.trajectory.state_in(interval, since)
         height = _height(self.machine)
         twist, root = root_motion(self.trajectory, np.zeros(3), interval, since, height=height)
@@ -104,7 +104,7 @@ class EffortChords:
     ) -> tuple[Array, EffortBound, EffortBound]:
         """Efforts at both ends of K stretches; see `MotionEfforts.stretches`."""
         count, h = len(piece), self.length[piece]
-        # every start, and those ends that are not the next stretch's start
+        # all starts, and the ends that are not the start of the next stretch
         apart = np.abs(np.diff(share) - length[:-1]) > 4.0 * EPSILON
         ends = np.flatnonzero(np.append((np.diff(piece) != 0) | apart, True))
         times = np.concatenate([share, (share + length)[ends]])
@@ -120,7 +120,7 @@ class EffortChords:
 
     def _curvature(self, interval: Indices, since: Array, delta: Array) -> EffortBound:
         """Bound on the second derivatives of the efforts on K stretches."""
-        # where intervals are short, bounds on the whole interval serve all its stretches
+        # bounds on a whole interval are tight enough for its stretches if intervals are short
         if self.length.max() <= STRETCHES * LONGEST:
             return self.curvature[interval]
         ends = [self.trajectory.state_in(interval, at) for at in (since, since + delta)]
@@ -137,11 +137,11 @@ class EffortChords:
 def _bounds_of_intervals(
     corner: Corner, trajectory: Trajectory, *, joints: bool
 ) -> tuple[EffortBound, EffortBound]:
-    """Largest errors of the efforts in each of the N intervals, and their second derivatives.
+    """Bounds on the error of computed efforts and on their second derivatives, N intervals each.
 
-    Rounding is relative to the sum of the absolute values of all that adds up, within an interval
-    from its start; a rounded angle turns everything beyond its joint. The error of the base's
-    position over uneven ground and the spread of a payload's centre of mass are added.
+    Rounding errors are relative to the sum of the absolute values of all terms. The rounding error
+    of an angle rotates all links beyond its joint. The effects of the base's position error and of
+    the spread of a payload's centre of mass are added.
     """
     machine, height = corner.machine, _height(corner.machine)
     count, h = trajectory.intervals, np.diff(trajectory.times)
@@ -154,7 +154,7 @@ def _bounds_of_intervals(
     q = np.abs(trajectory.positions[:-1]) + step * v
     base = root_motion_bounds(drive, np.arange(count), np.zeros(count), h, height=height)
     turned = np.abs(drive.poses[:-1, 2]) + h * base[1, 0]
-    # first bounds from the starts alone, for rounding; then from both ends, for curvature
+    # peaks from the starts alone, for rounding; then from both ends, for second derivatives
     both = np.tile(np.arange(count), 2), np.concatenate([np.zeros(count), h])
     inside = peaks(trajectory.state_in(*both), j, step)
     reach, most_v, most_a, most_j = (

@@ -28,64 +28,67 @@ import numpy as np
 
 from zmp_sqp.arrays import Array, Indices
 from zmp_sqp.mechanics.bounds.effort_bounds import EffortBound
-from zmp_sqp.mechanics.bounds.effort_size import BodyNorms, Norms, body_norms, effort_size
+from zmp_sqp.mechanics.bounds.effort_norms import BodyNorms, Norms, body_norms, effort_size
 from zmp_sqp.mechanics.bounds.payload_spread import moment_of_spread
 from zmp_sqp.mechanics.ground import GRAVITY
 from zmp_sqp.motion.root_motion import root_motion_bounds
 from zmp_sqp.motion.trajectory import Trajectory
 from zmp_sqp.planning.proof.corner_efforts import CornerEfforts, gravity_of
-from zmp_sqp.planning.proof.peaks import peaks
+from zmp_sqp.planning.proof.joint_peaks import peaks
 from zmp_sqp.planning.proof.subdivision import Mask
 
 __all__ = ["EffortCurves", "control_points"]
 
-DEGREES = (3, 4, 5, 6, 7, 8, 9, 10)  # of the polynomials; the least that is good enough is taken
-# [m] error that the polynomials may add to the distance of the zero moment point from an edge
+DEGREES = (3, 4, 5, 6, 7, 8, 9, 10)  # degrees of polynomials that are tried, the least first
+# [m] largest error of a polynomial, as an error of the zero moment point's distance from an edge
 TOLERANCE = 4e-7
-# share of the constraints' resolution to which guarantees are found: stretches of polynomials are
-# cheap, because they take no inverse dynamics
+# factor on the resolution of constraints: tighter guarantees cost little, because stretches of
+# polynomials take no inverse dynamics
 FINENESS = 0.02
-# ellipses that are tried; the largest serves motions at rest, along which efforts are constant
+# values of rho that are tried; the largest is for motions at rest, where efforts are constant
 ELLIPSES = np.append(np.geomspace(3.0, 96.0, 8), 1e9)
-MOST_PIECES = 16_000  # of all intervals together
-MOST_CUTS = 16  # into which a piece is cut at once whose polynomial is not good enough
-# roundings that add up in an effort: at most ten per joint and factor, and to spare
+MOST_PIECES = 16_000  # largest number of pieces, which limits time and memory
+MOST_CUTS = 16  # largest number of parts into which a piece is cut at once
+# rounding errors that add up in an effort: at most ten per joint and factor, with room to spare
 OPERATIONS = 100.0
 EPSILON = float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Pieces:
-    """P pieces of the motion, with errors of polynomials of each degree.
+    """P pieces of the motion, with bounds on the errors of polynomials of each degree.
 
     Attributes:
-        interval: To which each piece belongs, shape (P,).
-        since: Where it starts in its interval, shape (P,) [s].
-        length: Shape (P,) [s].
+        interval: Interval of each piece, shape (P,).
+        since: Start of each piece after the start of its interval, shape (P,) [s].
+        length: Length of each piece, shape (P,) [s].
+        terms: Bound on the sum of the absolute values of all terms of the efforts, shape (P,).
         size: Bound on the efforts inside, shape (P,).
-        remainder: Bound on the error of polynomials of each of `DEGREES`, shape (D, P).
+        remainder: Bound on the error of the polynomial of each of `DEGREES`, shape (D, P).
     """
 
     interval: Indices
     since: Array
     length: Array
+    terms: EffortBound
     size: EffortBound
     remainder: EffortBound
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EffortCurves:
-    """Polynomials for the efforts of C corners along P pieces of a motion, see `MotionEfforts`.
+    """Polynomials for the efforts at C corners along P pieces of a motion, see `MotionEfforts`.
 
     Attributes:
-        efforts: Inverse dynamics that they stand in for.
-        interval, since, length: Of each piece: its interval, where it starts there [s], how long it
-            is [s], shape (P,) each.
-        values: Of the polynomials at n + 1 Chebyshev points, shape (n + 1, P C, R).
-        error: Bound on the difference of polynomials and exact efforts, shape (P,) if it is the
-            same for all corners, otherwise (P C,).
-        is_vague: Whether rounding alone leaves the efforts on a piece unknown, shape (P,).
-        exhausted: Whether more pieces than `MOST_PIECES` would have been needed.
+        efforts: Inverse dynamics that the polynomials approximate.
+        interval: Interval of each piece, shape (P,).
+        since: Start of each piece after the start of its interval, shape (P,) [s].
+        length: Length of each piece, shape (P,) [s].
+        values: Values of the polynomials at n + 1 Chebyshev points, shape (n + 1, P C, R).
+        error: Bound on the difference between polynomials and exact efforts, shape (P,) if all
+            corners have the same, otherwise (P C,).
+        is_vague: Whether rounding errors on each piece have no finite bound, shape (P,).
+        exhausted: Whether there are `MOST_PIECES` pieces, so that errors may be large.
     """
 
     efforts: CornerEfforts
@@ -100,7 +103,7 @@ class EffortCurves:
 
     @classmethod
     def of(cls, efforts: CornerEfforts) -> EffortCurves:
-        """Polynomials that are good enough, as far as `MOST_PIECES` allows."""
+        """Polynomials with errors below `TOLERANCE`, unless this takes too many pieces."""
         corners, trajectory = efforts.corners, efforts.trajectory
         bodies = body_norms([corner.machine for corner in corners])
         weight = sum(body.mass for body in bodies) * GRAVITY
@@ -111,7 +114,7 @@ class EffortCurves:
         pieces, chosen = _good_pieces(
             bodies, trajectory, strength, TOLERANCE * weight, reach, joints=efforts.joints
         )
-        if len(corners) > 1:  # memory that is not moved is worth more than states
+        if len(corners) > 1:  # one degree for all pieces: the values need not be rearranged
             chosen = np.full(len(chosen), chosen.max())
         rounding = _rounding(pieces, trajectory, len(corners), chosen)
         error = rounding.plus(pieces.remainder[chosen, np.arange(len(chosen))])
@@ -161,8 +164,8 @@ def control_points(values: Array, share: Array | None = None, length: Array | No
 
     Args:
         values: At the Chebyshev points of the pieces, shape (n + 1, K, R).
-        share: Where each part starts, as a share of its piece, shape (K,); None for whole pieces.
-        length: How long it is, as a share of its piece, shape (K,); None for whole pieces.
+        share: Start of each part, as a share of its piece, shape (K,); None for whole pieces.
+        length: Length of each part, as a share of its piece, shape (K,); None for whole pieces.
 
     Returns:
         Shape (n + 1, K, R).
@@ -189,15 +192,18 @@ def _good_pieces(
     *,
     joints: bool,
 ) -> tuple[_Pieces, Indices]:
-    """Pieces on which a polynomial of one of the degrees is good enough, and which degree.
+    """Pieces on which a polynomial of one of the degrees is good enough.
 
     Args:
-        bodies: See `body_norms`.
+        bodies: Norms of the machine's bodies, see `body_norms`.
         trajectory: The motion.
         strength: Norm of gravity [m/s^2].
         tolerance: Largest error of the moment, and of the force times `reach` [N m].
         reach: Largest distance of an edge from the root origin [m].
         joints: Whether to bound the joints' efforts too.
+
+    Returns:
+        The pieces, and for each the index of the least degree that is good enough, shape (P,).
     """
     parts = np.ones(trajectory.intervals, dtype=int)
     while True:
@@ -224,14 +230,16 @@ def _pieces(
     *,
     joints: bool,
 ) -> _Pieces:
-    """Intervals cut into equal parts, with bounds on efforts and on the polynomials' errors."""
+    """Pieces of intervals that are cut into equal parts, N numbers `parts`, with their bounds."""
     interval = np.repeat(np.arange(len(parts)), parts)
     number = np.arange(len(interval)) - np.repeat(np.cumsum(parts) - parts, parts)
-    length = (np.diff(trajectory.times) / parts)[interval]
+    steps = np.diff(trajectory.times)
+    length = (steps / parts)[interval]
     since = number * length
-    # the interval itself first, then the ellipses
-    A = 0.5 * np.concatenate([[2.0], ELLIPSES + 1.0 / ELLIPSES])[:, None] * (0.5 * length)
-    B = 0.5 * np.concatenate([[0.0], ELLIPSES - 1.0 / ELLIPSES])[:, None] * (0.5 * length)
+    # Row 0 is for rounding: states are computed from the start of the interval, and with twice its
+    # length the norms exceed the sum of the absolute values of all terms, v_0 + h a_0 + h^2 j / 2.
+    A = np.vstack([2.0 * steps[interval], 0.25 * np.outer(ELLIPSES + 1.0 / ELLIPSES, length)])
+    B = np.vstack([0.0 * length, 0.25 * np.outer(ELLIPSES - 1.0 / ELLIPSES, length)])
     norms = _norms(bodies, trajectory, interval, since + 0.5 * length, A, B, strength)
     found = effort_size(bodies, norms, joints=joints)
     shape = len(A), len(interval)
@@ -243,8 +251,8 @@ def _pieces(
         (factor[:, :, None] * moment[1:]).min(axis=1),
         (factor[:, :, None, None] * of_joints[1:]).min(axis=1),
     )
-    size = EffortBound(force[0], moment[0], of_joints[0])
-    return _Pieces(interval, since, length, size, remainder)
+    terms, size = (EffortBound(force[i], moment[i], of_joints[i]) for i in (0, 1))
+    return _Pieces(interval, since, length, terms, size, remainder)
 
 
 def _norms(
@@ -256,18 +264,19 @@ def _norms(
     B: Array,
     strength: float,
 ) -> Norms:
-    """Norms of the motion at all times within A of the pieces' centres, |imaginary part| below B.
+    """Norms of the motion at all complex times on ellipses about the pieces' centres.
 
     Args:
-        bodies: Of the machine.
+        bodies: Norms of the machine's bodies.
         trajectory: The motion.
-        interval: Of each piece, shape (P,).
-        centre: Of each piece, after the start of its interval, shape (P,) [s].
-        A, B: Shape (E, P) [s].
+        interval: Interval of each piece, shape (P,).
+        centre: Centre of each piece after the start of its interval, shape (P,) [s].
+        A: Real semi-axes, shape (E, P) [s].
+        B: Imaginary semi-axes, shape (E, P) [s].
         strength: Norm of gravity [m/s^2].
 
     Returns:
-        Columns by E, then P.
+        Norms with K = E P columns.
     """
     j = trajectory.jerks[interval]
     q, v, a, j = (
@@ -277,19 +286,20 @@ def _norms(
     n, zero = len(q), np.zeros(A.size)
     change = A * j
     rate = A * (0.5 * change + a) + v  # (n, E, P)
-    reach = q + A * rate if any(body.slides for body in bodies) else rate  # larger than needed
+    reach = q + A * rate if any(body.slides for body in bodies) else rate  # else not used
     parts = (B * rate, reach, rate, a + change)
     imaginary, reach, rate, acceleration = (part.reshape(n, -1) for part in parts)
     of_joints = imaginary, reach, rate, acceleration
     if trajectory.base is None:
         return Norms(*of_joints, zero, zero, zero + strength)
     peak = trajectory.base.peaks(interval, centre, 0.0 * centre)  # (2, 3, P)
-    (speed, push, jerk), (spin, turn, yaw_jerk) = peak
-    speed = speed + A * (push + 0.5 * A * jerk)
+    (speed, acceleration_s, jerk), (spin, turn, yaw_jerk) = peak
+    speed = speed + A * (acceleration_s + 0.5 * A * jerk)
     spin = spin + A * (turn + 0.5 * A * yaw_jerk)
-    # on a plane gravity turns against the heading
-    push = push + A * jerk + speed * spin + strength * np.exp(B * spin)
-    return Norms(*of_joints, spin.ravel(), (turn + A * yaw_jerk).ravel(), push.ravel())
+    # the acceleration along the heading, the centripetal one, and gravity, which rotates by -yaw
+    along = acceleration_s + A * jerk
+    root_acceleration = along + speed * spin + strength * np.exp(B * spin)
+    return Norms(*of_joints, spin.ravel(), (turn + A * yaw_jerk).ravel(), root_acceleration.ravel())
 
 
 def _values(efforts: CornerEfforts, pieces: _Pieces, chosen: Indices) -> Array:
@@ -323,10 +333,10 @@ def _values(efforts: CornerEfforts, pieces: _Pieces, chosen: Indices) -> Array:
 def _rounding(
     pieces: _Pieces, trajectory: Trajectory, corners: int, chosen: Indices
 ) -> EffortBound:
-    """Rounding errors of computed efforts, and of the polynomials through them.
+    """Bound on the rounding errors of computed efforts and of the polynomials' control points.
 
-    Errors are relative to the sum of the absolute values of all that adds up; a rounded angle turns
-    everything beyond its joint.
+    Errors are relative to the sum of the absolute values of all terms. The rounding error of an
+    angle rotates all links beyond its joint.
     """
     h = np.diff(trajectory.times)[pieces.interval]
     ends = trajectory.positions[:-1], trajectory.velocities[:-1], trajectory.accelerations
@@ -336,22 +346,20 @@ def _rounding(
     if (base := trajectory.base) is not None:
         (_, (spin, _, _)) = base.peaks(pieces.interval, 0.0 * pieces.since, h[:, 0])
         turned = turned + np.abs(base.poses[pieces.interval, 2]) + h[:, 0] * spin
-    # differences between corners take three times the operations
+    # differences between corners take up to three times as many operations again
     operations = OPERATIONS * (1.0 + turned) * (1.0 if corners == 1 else 4.0)
-    share = EPSILON * (operations + _operations(DEGREES[int(chosen.max())]))
-    size = pieces.size
-    found = (share * size.force, share * size.moment, share[:, None] * size.joints)
-    return EffortBound(*(_known(part) for part in found))
+    none = EffortBound(0.0 * turned, 0.0 * turned, 0.0 * pieces.terms.joints)
+    computed = none.plus(pieces.terms, EPSILON * operations)
+    found = computed.plus(pieces.size, EPSILON * _operations(DEGREES[int(chosen.max())]))
+    return EffortBound(_known(found.force), _known(found.moment), _known(found.joints))
 
 
 def _with_spread(error: EffortBound, efforts: CornerEfforts, pieces: _Pieces) -> EffortBound:
-    """Errors at each corner, shape (P C,), with what the corners of a payload's box miss.
-
-    See `moment_of_spread`.
+    """Error at each corner, shape (P C,), with the effect of `moment_of_spread` added.
 
     Args:
-        error: Of all corners, shape (P,).
-        efforts: Their efforts.
+        error: Error without this effect, shape (P,).
+        efforts: Efforts at the corners.
         pieces: Pieces of the motion.
     """
     machine, trajectory = efforts.corners[0].machine, efforts.trajectory
@@ -378,7 +386,7 @@ def _with_spread(error: EffortBound, efforts: CornerEfforts, pieces: _Pieces) ->
 
 
 def _known(bounds: Array) -> Array:
-    """Bounds, infinite where their computation has overflowed."""
+    """Bounds that are infinite where their computation gave NaN."""
     return np.where(np.isnan(bounds), np.inf, bounds)
 
 
@@ -390,7 +398,7 @@ def _points(degree: int) -> Array:
 
 @cache
 def _to_powers(degree: int) -> Array:
-    """From values at the Chebyshev points to coefficients of powers, (degree + 1, degree + 1)."""
+    """Matrix from values at the Chebyshev points to coefficients of powers of w."""
     values = np.polynomial.chebyshev.chebvander(_points(degree), degree)
     # discrete orthogonality: column k of the values has the squared norm (degree + 1) / 2
     to_chebyshev = (2.0 / (degree + 1.0)) * values.T
@@ -403,25 +411,25 @@ def _to_powers(degree: int) -> Array:
 
 @cache
 def _resampled(degree: int, most: int) -> Array:
-    """From values at the Chebyshev points of one degree to those of a higher one."""
+    """Matrix from values at the Chebyshev points of one degree to those of a higher degree."""
     powers = _points(most)[:, None] ** np.arange(degree + 1)
     return np.asarray(powers @ _to_powers(degree)) if degree < most else np.eye(most + 1)
 
 
 @cache
 def _operations(degree: int) -> float:
-    """Roundings of control points, in units of the largest effort that the polynomial goes through.
+    """Rounding error of control points, in units of machine precision times the largest value.
 
-    Powers of w are at most one, and so are those that a part of the piece shifts them by; each of
-    the sums has `degree` + 1 terms.
+    Powers of w are at most one, on the piece and after the shift to a part of it, and each sum has
+    `degree` + 1 terms, so that the coefficients decide.
     """
-    resampled = 3.0  # above the Lebesgue constants of all degrees, 2.5 for degree 10
+    resampled = 3.0  # upper bound on the Lebesgue constants of all degrees; 2.5 for degree 10
     return float(12.0 * resampled * (degree + 1.0) * np.abs(_to_powers(degree)).sum())
 
 
 @cache
 def _bernstein(degree: int) -> Array:
-    """From coefficients of powers of w in [-1, 1] to control points, (degree + 1, degree + 1).
+    """Matrix from coefficients of powers of w, with w in [-1, 1], to control points.
 
     Control point i of w^j is the mean of the products of j of the numbers that hold i times 1 and
     degree - i times -1.

@@ -15,17 +15,17 @@ from zmp_sqp.planning.constraints.guarantee import Guarantee
 
 __all__ = ["LIMIT_TOLERANCE", "joints_least_duration", "limit_excess", "limit_guarantee"]
 
-# largest excess over a limit that counts as rounding, as a share of the limit if that is below one
+# excess over a limit that counts as rounding, as a share of the limit if that is below one
 LIMIT_TOLERANCE = 1e-9
 KINDS = ("upper position", "lower position", "velocity", "acceleration")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Extremes:
-    """Joint coordinates and their derivatives where they can be extreme, shape (M, n) each.
+    """Joint coordinates and their derivatives at all times where one can be extreme, (M, n) each.
 
-    Positions are cubics and rates parabolas within the intervals, so that besides the nodes only the
-    times where the rate or the acceleration vanishes matter.
+    Within an interval, positions are cubics and rates are parabolas. Besides the nodes, only the
+    times at which the rate or the acceleration vanishes can be extreme.
     """
 
     times: Array
@@ -35,6 +35,7 @@ class _Extremes:
 
     @classmethod
     def of(cls, trajectory: Trajectory) -> _Extremes:
+        """Extremes of a trajectory."""
         starts = trajectory.times[:-1, None]
         v, a, j = trajectory.velocities[:-1], trajectory.accelerations, trajectory.jerks
         h = np.broadcast_to(np.diff(trajectory.times)[:, None], a.shape)
@@ -58,11 +59,11 @@ class _Extremes:
 def limit_excess(machine: Machine, trajectory: Trajectory) -> tuple[float, float]:
     """Largest excess over any joint limit at any time, in closed form.
 
-    Limits that nobody has given (NaN) cannot be exceeded; without any limit the excess is -inf.
+    Limits that are not given (NaN) cannot be exceeded; without any limit the excess is -inf.
 
     Returns:
-        The excess, and the same with excesses over rate and acceleration limits below one taken as
-        shares of the limit.
+        The largest excess, and the largest relative one, for which the excess over a rate or
+        acceleration limit below one is divided by the limit.
     """
     with np.errstate(all="ignore"):
         excess, relative, _ = _excesses(machine, trajectory)
@@ -72,7 +73,7 @@ def limit_excess(machine: Machine, trajectory: Trajectory) -> tuple[float, float
 def limit_guarantee(machine: Machine, trajectory: Trajectory) -> tuple[Guarantee, float]:
     """Least room that a motion leaves to a joint limit, in closed form, and the largest excess.
 
-    An excess that counts as rounding (`LIMIT_TOLERANCE`) is no room, but no excess either.
+    An excess that counts as rounding (`LIMIT_TOLERANCE`) makes a guarantee of zero.
     """
     with np.errstate(all="ignore"):
         excess, relative, times = _excesses(machine, trajectory)
@@ -94,7 +95,7 @@ def limit_guarantee(machine: Machine, trajectory: Trajectory) -> tuple[Guarantee
 def joints_least_duration(machine: Machine, trajectory: Trajectory) -> float:
     """Least duration of any motion between the trajectory's ends within the joint limits [s].
 
-    Zero if a limit is missing, or if the rates at the ends exceed one.
+    It is zero if a limit is missing, or if a rate at the start or the end exceeds its limit.
     """
     limits, q, v = machine.limits, trajectory.positions, trajectory.velocities
     if not (np.isfinite(limits.velocity).all() and np.isfinite(limits.acceleration).all()):
@@ -112,12 +113,12 @@ def joints_least_duration(machine: Machine, trajectory: Trajectory) -> float:
 
 @lru_cache(maxsize=32)
 def _joint_units(machine: Machine) -> tuple[str, ...]:
-    """Units of a machine's joints, which take longer to look up than limits to check."""
+    """Units of a machine's joints; cached, because the model is slow to ask for them."""
     return machine.joint_units
 
 
 def _excesses(machine: Machine, trajectory: Trajectory) -> tuple[Array, Array, Array]:
-    """Largest excess over each limit, its relative form, and when, shape (4, n) in KINDS' order."""
+    """Largest excess over each limit, relative excess, and time, shape (4, n), ordered by KINDS."""
     limits, extremes = machine.limits, _Extremes.of(trajectory)
     values = (
         extremes.positions,

@@ -1,4 +1,4 @@
-"""What a motion has to be before anything can be proven of it."""
+"""Checks of a motion before it is certified, and the reason why it cannot be."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from zmp_sqp.planning.proof.corner_motion import CornerMotion
 
 __all__ = ["check_arguments", "check_drift", "reason_of_doubt"]
 
-# [rad/s or m/s, rad or m] that the nodes may add up to beside what the accelerations give
+# [rad/s or m/s, rad or m] largest total by which nodes may deviate from the integrated motion
 DRIFT = 1e-6
-OPERATIONS = 100.0  # roundings of one unit that add up from node to node, and to spare
+OPERATIONS = 100.0  # rounding errors that add up from node to node, with a factor to spare
 EPSILON = float(np.finfo(float).eps)
 
 
 def check_arguments(machine: Machine, trajectory: Trajectory, ground: Ground) -> None:
-    """Refuse what is no machine, trajectory or ground, and joints that are not the machine's."""
+    """Raise if an argument of `certify` has the wrong type, or other joints than the machine."""
     if not isinstance(machine, Machine):
         raise MachineError(
             f"machine must be a Machine (see load_machine), not {type(machine).__name__}"
@@ -39,9 +39,9 @@ def check_arguments(machine: Machine, trajectory: Trajectory, ground: Ground) ->
 
 
 def check_drift(trajectory: Trajectory) -> None:
-    """Refuse nodes that drift away from what the accelerations produce."""
-    # a rate that creeps up by less than `Trajectory` notices, from each of many nodes to the next,
-    # is an acceleration
+    """Raise TrajectoryError if the nodes drift away from the integrated accelerations."""
+    # `Trajectory` tolerates a small difference at every node; over many nodes these differences
+    # would add up to an acceleration that no bound accounts for
     q, v, _ = trajectory.state_in(np.arange(trajectory.intervals), np.diff(trajectory.times))
     followed = [("velocities", trajectory.velocities, v), ("positions", trajectory.positions, q)]
     if (base := trajectory.base) is not None:
@@ -62,7 +62,7 @@ def check_drift(trajectory: Trajectory) -> None:
 
 
 def reason_of_doubt(motion: CornerMotion, *, exhausted: bool) -> str:
-    """Why nothing can be proven of the margin between samples that have one, in words.
+    """Why no margin can be proven although every sample has one, in words.
 
     Args:
         motion: The motion with its constraints.

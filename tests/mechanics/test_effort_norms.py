@@ -12,7 +12,7 @@ import pytest
 
 import zmp_sqp as zs
 from tests.mechanics.conftest import PERMUTED, TREE_COM
-from zmp_sqp.mechanics.bounds.effort_size import Norms, body_norms, effort_size
+from zmp_sqp.mechanics.bounds.effort_norms import Norms, body_norms, effort_size
 from zmp_sqp.mechanics.wrench import efforts
 
 Array = np.ndarray

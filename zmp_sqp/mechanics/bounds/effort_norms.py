@@ -22,8 +22,8 @@ and back, with the mass m, its first moment h and the inertia I about the joint,
     |f_i| \le m |\ddot p_i| + h (|\dot\omega_i| + |\omega_i|^2), \quad
     |n_i| \le h |\ddot p_i| + I (|\dot\omega_i| + |\omega_i|^2)
 
-At real times, where y = 0, this is the sum of the absolute values of all that inverse dynamics adds
-up, of which rounding errors are a small multiple of machine precision.
+At real times y = 0, and these are the sums of the absolute values of all terms of inverse dynamics.
+Rounding errors are a small multiple of machine precision times them.
 """
 
 from __future__ import annotations
@@ -44,14 +44,14 @@ __all__ = ["BodyNorms", "Norms", "body_norms", "effort_size"]
 
 @dataclass(frozen=True, slots=True)
 class BodyNorms:
-    """Norms of what a joint carries.
+    """Norms of the bodies that are fixed to one joint.
 
     Attributes:
         parent: Pinocchio's index of the joint before.
-        column: Which of the planned joints it is; -1 for the root.
+        column: Index of the joint among the planned joints; -1 for the root.
         slides: Whether the joint is prismatic.
         offset: Distance from the joint before, at coordinate zero [m].
-        mass: Mass m of the bodies that the joint moves [kg].
+        mass: Mass m [kg].
         first_moment: m times the distance of their centre of mass from the joint [kg m].
         inertia: Largest moment of inertia about the joint [kg m^2].
     """
@@ -87,7 +87,7 @@ class Norms(NamedTuple):
 
 
 def body_norms(machines: Sequence[Machine]) -> tuple[BodyNorms, ...]:
-    """Norms of every joint's bodies, each the largest of several machines with the same joints.
+    """Norms of the bodies of several machines with the same joints, the largest of each norm.
 
     Returns:
         One per joint of Pinocchio's model but the universe, from root to tip.
@@ -97,6 +97,7 @@ def body_norms(machines: Sequence[Machine]) -> tuple[BodyNorms, ...]:
 
 @lru_cache(maxsize=16)
 def _body_norms(machines: tuple[Machine, ...]) -> tuple[BodyNorms, ...]:
+    """`body_norms` of distinct machines."""
     first = machines[0].model
     columns = {int(index): i for i, index in enumerate(machines[0].index_v)}
     inertias = [list(machine.model.inertias)[1:] for machine in machines]
