@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import zmp_sqp as zs
@@ -28,7 +29,7 @@ from zmp_sqp.motion.root_motion import root_motion, with_ground
 from zmp_sqp.planning.constraints.effort_rows import EffortRows
 from zmp_sqp.planning.proof import effort_curves
 from zmp_sqp.planning.proof.certificate import certify_at
-from zmp_sqp.planning.proof.corner_efforts import CornerEfforts
+from zmp_sqp.planning.proof.corner_efforts import CornerEfforts, grouped
 from zmp_sqp.planning.proof.effort_curves import EffortCurves, control_points
 
 Array = np.ndarray
@@ -245,6 +246,20 @@ def test_joint_efforts_are_bounded_at_all_corners(drives: bool) -> None:
         assert found.value <= 1e3 - most + 1e-6
         if spread * speed**2 < 1.0:
             assert found.value >= 1e3 - most - 10.0
+
+
+def test_machines_with_other_joints_or_polygons_are_proven_apart() -> None:
+    case = random_case("permuted", 1.0, 0)
+    first = case.machine
+    loaded = first.with_payload(zs.Payload(50.0, (0.3, -0.2, 0.5), "tool"))
+    aside = first.with_support(
+        zs.SupportPolygon(first.support.vertices + 0.5, first.support.height)
+    )
+    model = first.model.copy()
+    model.jointPlacements[2] = pin.SE3(np.eye(3), np.array([0.0, 0.0, 9.0]))
+    for other, groups in ((loaded, 1), (aside, 2), (replace(first, model=model), 2)):
+        found = grouped([Corner(first, case.ground), Corner(other, case.ground)], case.trajectory)
+        assert len(found) == groups
 
 
 def test_a_long_and_violent_motion_ends_without_a_margin_and_says_why() -> None:

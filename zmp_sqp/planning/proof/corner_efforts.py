@@ -138,8 +138,10 @@ def _same_joints(one: Machine, other: Machine) -> bool:
     first, second = one.model, other.model
     if one.support is not other.support or first.njoints != second.njoints:
         return False
+    if not np.array_equal(one.index_v, other.index_v):
+        return False
     return list(first.parents) == list(second.parents) and all(
-        first.joints[i].shortname() == second.joints[i].shortname()
+        first.joints[i] == second.joints[i]  # kind and axis
         and first.jointPlacements[i] == second.jointPlacements[i]
         for i in range(first.njoints)
     )
