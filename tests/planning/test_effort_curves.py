@@ -272,7 +272,7 @@ def test_a_long_and_violent_motion_ends_without_a_margin_and_says_why() -> None:
     assert not found.safe
 
 
-def test_least_sampled_of_this_file_sees_what_certify_sees() -> None:
+def test_the_guaranteed_margin_is_within_20_micrometres_of_dense_samples() -> None:
     case = random_case("rigid", 0.6, 1)
     assert zs.certify(case.machine, case.trajectory, case.ground).margin == pytest.approx(
         least_sampled(case), abs=2e-5
