@@ -56,9 +56,7 @@ def blocked_problem(seed: int) -> zs.Problem:
             "position_lower": np.append(-np.pi, low),
             "position_upper": np.append(np.pi, high),
         }
-        limited = Scene(
-            "feller_buncher", FOOTPRINT, tree, roll=roll, pitch=pitch, limits=limits
-        )
+        limited = Scene("feller_buncher", FOOTPRINT, tree, roll=roll, pitch=pitch, limits=limits)
         ends = [np.append(headings[rng.choice(side)], arm) for side in (left, right)]
         if rng.uniform() < 0.5:
             ends.reverse()

@@ -204,6 +204,7 @@ class SQP:
             price = min(max(iterate.relaxation.price, iterate.penalty.nonlinear), LARGEST_PRICE)
             values = iterate.lin.at.inequalities
             subproblem.keep |= (values > -RELAXED_NEAR) & iterate.lin.C.leading(values)
+            subproblem.keep[-1] = True  # the objective's own bound
             direction = subproblem.solve_relaxed(program.nonlinear, price)
         if direction is None:
             failed = iterate.model.damping > LARGEST_QP_DAMPING
@@ -250,7 +251,6 @@ class SQP:
         early = number < WHOLLY_CLIPPED
         if iterate.violation > DECISIVE_ABOVE or early:
             keep = keep | program.decisive(iterate.point, early=early)
-        keep[-1] = True  # the objective's own bound
         share = np.clip(QP_SHARE * iterate.violation, LEAST_TOLERANCE, LARGEST_TOLERANCE)
         tolerance = LEAST_TOLERANCE if iterate.finishing else float(share)
         backends = (self.backend,) if self.fallback is None else (self.backend, self.fallback)

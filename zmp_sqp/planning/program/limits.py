@@ -11,12 +11,13 @@ from zmp_sqp.arrays import Array, Indices
 from zmp_sqp.planning.program.grid import ENDS
 from zmp_sqp.planning.program.stages import STATE, Stages
 
-__all__ = ["Boundary", "LimitRows", "PathBounds", "PositionBound"]
+__all__ = ["LEAST_SHARE", "Boundary", "LimitRows", "PathBounds", "PositionBound"]
 
 # inner Bernstein points of the positions, cubics: q + h p w, at the start for p > 0, at the end for
 # p < 0
 POSITION_POINTS = (1.0 / 3.0, -1.0 / 3.0)
 MIDDLE = 0.5  # inner Bernstein point of the rates, parabolas: w + h u_0 / 2
+LEAST_SHARE = 0.25  # of sigma, below which no step leads
 FAR = 9e3  # [rad or m] position limits beyond count as none
 
 
@@ -218,6 +219,3 @@ class LimitRows:
             add(np.full((N - 1, 1, 1), bound.sign * STATE))
         add(np.full((1, 1, 1), -1.0))
         return groups, np.concatenate(added)
-
-
-LEAST_SHARE = 0.25  # of sigma, below which no step leads

@@ -47,7 +47,9 @@ def _motion(
     size, grid = coordinates.size, program.grid
 
     def motion(sigma: float) -> tuple[Array, Array, Array, float]:
-        y, rates, controls, S = program.unpack(program.motion(point.controls, sigma))
+        same = sigma == point.sigma
+        reached = point if same else program.motion(point.controls, sigma)
+        y, rates, controls, S = program.unpack(reached)
         if aim is not None and program.drive is not None:
             controls = program.drive.arrived(grid, y[0], rates[0], controls, aim)
             y, rates = grid.rolled(y[0], rates[0], controls)

@@ -13,9 +13,16 @@ import numpy.typing as npt
 from zmp_sqp.arrays import Array, Indices
 from zmp_sqp.mechanics.bounds.payload_spread import moment_of_spread
 from zmp_sqp.planning.program.corner_jacobian import CornerJacobian
+from zmp_sqp.planning.program.driving.displacements import Displacements
 from zmp_sqp.planning.program.driving.positions import Positions
 from zmp_sqp.planning.program.grid import ENDS, Grid
-from zmp_sqp.planning.program.limits import Boundary, LimitRows, PathBounds, PositionBound
+from zmp_sqp.planning.program.limits import (
+    LEAST_SHARE,
+    Boundary,
+    LimitRows,
+    PathBounds,
+    PositionBound,
+)
 from zmp_sqp.planning.program.rows import StageRows
 from zmp_sqp.planning.program.stages import STATE, Stages, clipped
 from zmp_sqp.sqp.nlp import Evaluation, Linearization
@@ -45,11 +52,13 @@ class Motion:
         controls: Scaled accelerations at both ends of the intervals, shape (N, 2 n).
         sigma: Squared duration over that of the reference.
         states: Scaled states at the nodes, which follow, shape (N + 1, nx).
+        moves: Displacements of a driving base, which follow; None if it stands.
     """
 
     controls: Array
     sigma: float
     states: Array
+    moves: Displacements | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,7 +108,7 @@ class StagedProgram:
     (`LimitRows`) hold at Bernstein points, that is everywhere.
 
     Where the centre of mass of a payload may lie anywhere in a box, rows contain what its corners
-    miss (`moment_of_spread`), less than a hundredth of the polygon's size. Derivatives leave it out.
+    miss (`moment_of_spread`), below a hundredth of the polygon's size. Derivatives leave it out.
 
     Curvature of the three points of an interval is taken at its middle, with the sum of their
     multipliers: clipping them one by one would keep parts that cancel.
@@ -176,11 +185,12 @@ class StagedProgram:
             change[:, n - 2] = to_rate * (missed[1, n - 2] / (to_rate @ to_rate))
         unscaled = (unscaled + change).reshape(N, ENDS, n)
         q, w = self.grid.rolled(self.start.q, first, unscaled)
-        states = [q, w / self.rate_scale]
+        states, moves = [q, w / self.rate_scale], None
         if self.drive is not None:
-            states.append(self.drive.positions(self.grid, q, w, unscaled))
+            p, moves = self.drive.path(self.grid, q, w, unscaled)
+            states.append(p)
         scaled = (unscaled / self.control_scale).reshape(N, -1)
-        return Motion(scaled, float(sigma), np.hstack(states))
+        return Motion(scaled, float(sigma), np.hstack(states), moves)
 
     def pack(self, controls: Array, S: float) -> Motion:
         """The motion nearest to accelerations (N, 2, n) [T^2 a] at a squared duration [s^2]."""
@@ -203,7 +213,9 @@ class StagedProgram:
             np.broadcast_to(M, (self.grid.size, *M.shape[1:]))[:, self.stages.controls],
             change,
         )
-        return self.motion(point.controls + controls, point.sigma + float(step[-1]))
+        # a screened program may miss the row that keeps sigma above LEAST_SHARE of what it is
+        sigma = max(point.sigma + float(step[-1]), 0.5 * LEAST_SHARE * point.sigma)
+        return self.motion(point.controls + controls, sigma)
 
     def _stage_steps(self, step: Array, sigma: float) -> Array:
         """Change of each mapped stage's variables, given rates at the ends included, (N, m)."""
@@ -267,11 +279,9 @@ class StagedProgram:
 
     def metric(self) -> Any:
         """Sum of the squares of all scaled accelerations, by the variables."""
-        blocks = np.zeros((self.grid.size, self.stages.m, self.stages.m))
-        u = np.arange(self.stages.nx, self.stages.m - 1)
-        blocks[:, u, u] = 1.0
-        M = self.stages.hermite
-        blocks = M.transpose(0, 2, 1) @ blocks @ M
+        m = self.stages.m
+        M = self.stages.hermite[:, self.stages.controls]
+        blocks = np.broadcast_to(M.transpose(0, 2, 1) @ M, (self.grid.size, m, m))
         return self._patterns.H.matrix(self._patterns.H.data(blocks.ravel()))
 
     def decisive(self, point: Motion, *, early: bool) -> Mask:
@@ -357,7 +367,8 @@ class StagedProgram:
         if self.drive is None:
             return states, None, None
         p = point.states[:, self.stages.places]
-        drive = self.drive.displacements(self.grid, p, q, w, controls)
+        drive = point.moves
+        assert drive is not None
         if self.drive.terrain.uniform:
             return states, None, drive
         return states, np.vstack([p[:-1], p[1:], p[:-1] + drive.half]), drive
@@ -378,7 +389,7 @@ class StagedProgram:
         return Evaluation(point.sigma, tie, missed, inequalities, (values, places))
 
     def _turning(self, point: Motion) -> Array:
-        """Largest turning of each interval's links as in `moment_of_spread`, times S, shape (N,)."""
+        """Largest turning of links in each interval (see `moment_of_spread`), times S, (N,)."""
         _, w, controls, _ = self.unpack(point)
         jerk = np.abs(controls[:, 1] - controls[:, 0])
         rates = np.maximum(np.abs(w[:-1]), np.abs(w[1:])) + 0.125 * self.grid.steps[:, None] * jerk

@@ -172,6 +172,22 @@ class Stages:
         return tuple(np.ascontiguousarray(part @ self.hermite) for part in maps)  # type: ignore[return-value]
 
     @cached_property
+    def heading(self) -> Array:
+        """Yaw at start, middle and end, then the path length's rate there, by (x_k, u_k, sigma).
+
+        Shape (K, 6, m); with a base that drives only.
+        """
+        n, order = self.n, (self.at_start, self.at_middle, self.at_end)
+        yaw = [part[:, n - 1] for part in order]
+        rate = [part[:, 2 * n - 2] for part in order]
+        return np.stack([*yaw, *rate], axis=1)
+
+    @cached_property
+    def mapped_heading(self) -> Array:
+        """`heading` by the variables of a mapped stage, shape (K, 6, m)."""
+        return np.asarray(self.heading @ self.hermite)
+
+    @cached_property
     def control_entries(self) -> Array:
         """Each scaled acceleration by (q_k, w_k, q_{k+1}, w_{k+1}) of its joint, (N, 2, n, 4)."""
         n, nx, j = self.n, self.nx, np.arange(self.n)

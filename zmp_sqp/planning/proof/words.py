@@ -56,6 +56,7 @@ def limit_fault(guarantees: Iterable[Guarantee]) -> str:
 
 
 def _base_fault(guarantee: Guarantee) -> str:
+    """`fault_of` a guarantee of the base."""
     side, _, what = guarantee.label.partition(" ")
     off = guarantee.shortfall
     if guarantee.label.endswith("_bounds"):
