@@ -226,6 +226,9 @@ def test_without_a_payload_or_a_slope_there_is_nothing_to_be_uncertain_of() -> N
         zs.Problem(bare, START, GOAL, Level(), slope_uncertainty=0.1)
 
 
+REFUSED = r"the machine (tips over|misses the margin of 0\.1 m) at rest at the start"
+
+
 @pytest.mark.parametrize("roll", [-11.0, -13.0, -16.0])
 @pytest.mark.parametrize(
     "options", [{"slope_uncertainty": np.radians(2.0)}, {"tipping_fraction": 0.75}, {}]
@@ -244,14 +247,14 @@ def test_the_payload_and_the_slope_that_a_refusal_names_are_those_to_give(
             loaded, across, across, ground, margin=0.1, payload_com_uncertainty=0.1, **options
         )
 
-    with pytest.raises(zs.ProblemError, match="tips over at rest at the start") as refusal:
+    with pytest.raises(zs.ProblemError, match=REFUSED) as refusal:
         pose(6000.0, roll)
     mass = float(re.search(r"the payload could be at most (\d+) kg", str(refusal.value))[1])
     pose(mass, roll)
-    with pytest.raises(zs.ProblemError, match="tips over"):
+    with pytest.raises(zs.ProblemError, match=REFUSED):
         pose(1.01 * mass + 1.0, roll)
-    slope = re.search(r"the slope at most ([\d.]+) degrees", str(refusal.value))
+    slope = re.search(r"the slope could be at most ([\d.]+) degrees", str(refusal.value))
     if slope is not None:
         pose(6000.0, -float(slope[1]))
-        with pytest.raises(zs.ProblemError, match="tips over"):
+        with pytest.raises(zs.ProblemError, match=REFUSED):
             pose(6000.0, -float(slope[1]) - 0.2)

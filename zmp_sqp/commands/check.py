@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from zmp_sqp.arrays import Array
+from zmp_sqp.arrays import Array, length_text
 from zmp_sqp.commands.console import (
     add_command,
     add_json_option,
@@ -34,7 +34,6 @@ from zmp_sqp.mechanics.uncertainty import corners
 from zmp_sqp.planning import Certificate, Trajectory, UnicycleBase
 from zmp_sqp.planning.problem.unicycle_base import LIMITS
 from zmp_sqp.planning.proof.certificate import certify_at
-from zmp_sqp.planning.proof.words import spelled
 from zmp_sqp.show.tables import key_table
 from zmp_sqp.versions import installed_versions
 
@@ -257,7 +256,7 @@ def _faults(found: Certificate, edge: str) -> list[str]:
     elif found.margin < required:
         kept = " less the margin" if found.required else ""
         leaves = "leaves" if found.sampled < required else "may leave"
-        short = spelled(required - found.margin)
+        short = length_text(required - found.margin)
         reasons.append(
             f"at {found.margin_at:.2f} s the ZMP {leaves} the {edge} edge{kept} by {short}{extreme}"
         )

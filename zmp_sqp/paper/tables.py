@@ -25,7 +25,7 @@ __all__ = [
 REASON = "why not"  # head of the column with reasons
 INSIDE = -1e-6  # [m] rounding of a margin of zero
 # sentence of a plan's message about the edge that the ZMP leaves, and by how much
-LEFT = re.compile(r"the ZMP would leave the (?P<edge>\S+) edge.* by (?P<distance>\S+) m")
+LEFT = re.compile(r"the ZMP would lie (?P<distance>\S+) m outside the (?P<edge>\S+) edge")
 
 
 class Sheet(NamedTuple):

@@ -13,9 +13,9 @@ from zmp_sqp.planning.constraints.distance import boom_limits
 from zmp_sqp.planning.constraints.protocol import ConstraintRows, StageModel
 from zmp_sqp.planning.problem.problem import Problem
 from zmp_sqp.planning.program.driving.model import DrivingModel
+from zmp_sqp.planning.program.limits import Boundary, PathBounds
 from zmp_sqp.planning.program.model import ArmModel
 from zmp_sqp.planning.program.rows import BoundConstraints, CornerRows
-from zmp_sqp.planning.program.limits import Boundary, PathBounds
 
 __all__ = [
     "bound_constraints",

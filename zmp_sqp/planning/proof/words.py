@@ -7,14 +7,7 @@ import numpy as np
 from zmp_sqp.planning.constraints.guarantee import Guarantee
 from zmp_sqp.planning.proof.base_check import ARRIVAL
 
-__all__ = ["fault_of", "spelled"]
-
-LEAST_SHOWN = 5e-3  # [m] lengths below are given in millimetres, where three decimals say little
-
-
-def spelled(length: float) -> str:
-    """A length in metres, or in millimetres where metres would show nothing but zeros."""
-    return f"{length:.3f} m" if length >= LEAST_SHOWN else f"{1e3 * length:.2g} mm"
+__all__ = ["fault_of"]
 
 
 def fault_of(guarantee: Guarantee) -> str:

@@ -6,8 +6,8 @@ import numpy as np
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.motion.double_integrator import grid_profile
-from zmp_sqp.planning.program.rows import BoundConstraints
 from zmp_sqp.planning.program.limits import Boundary, PathBounds
+from zmp_sqp.planning.program.rows import BoundConstraints
 
 __all__ = ["initial_guess"]
 

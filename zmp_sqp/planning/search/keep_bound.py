@@ -6,9 +6,8 @@ import time
 
 import numpy as np
 
-from zmp_sqp.motion.double_integrator import grid_profile
 from zmp_sqp.planning.program.grid import Grid
-from zmp_sqp.planning.program.staged import Motion, StagedProgram
+from zmp_sqp.planning.search.blind import BlindMotion, blind_motion
 from zmp_sqp.planning.search.run import Candidate, Runs
 from zmp_sqp.planning.search.task import Task
 from zmp_sqp.sqp.least_distance import Nearest, nearest_feasible
@@ -16,63 +15,62 @@ from zmp_sqp.sqp.result import IterationRecord, SQPResult, SQPStatus
 
 __all__ = ["at_the_bound"]
 
-# Duration that is tried, between the continuous lower bound and the one of constant accelerations on
-# the grid: accelerations that run linearly within intervals can be faster than the latter, and at
-# the former the deciding joint has only one motion
-SHARE = 0.8
-ENOUGH = 3e-3  # violation on the coarse grid with which the fine one goes on
-LEAST_COARSE = 4  # intervals of a coarse grid
-ABOVE = 1e-4  # relative, least distance from the lower bound
+ABOVE = 3e-4  # relative, above the lower bound: there the deciding joint has only one motion
+# The grid has nodes where the deciding coordinate's acceleration jumps, and at least so many
+# intervals in each of its phases
+LEAST_PER_PHASE = 2
+LEAST_COARSE = 8  # intervals of a coarse grid, below which there is none
 
 
 def at_the_bound(task: Task, runs: Runs) -> Candidate | None:
-    """A motion as fast as the joint limits allow to within the grid's resolution; None if none.
+    """A motion that is hardly slower than the joint limits allow; None if none is found quickly.
 
-    First on half of the intervals, where it is cheap to find that there is none.
+    It is looked for on half of the intervals: with nodes where the deciding coordinate's
+    acceleration jumps, they are enough. The motion is then the same on all intervals.
     """
-    intervals = task.problem.intervals
-    if task.bound_on(intervals) == 0.0 or runs.is_late:  # in motion there is no bound of the grid
+    motion = blind_motion(task, ABOVE)
+    if motion is None or runs.is_late:
         return None
-    fine, point = _program(task, intervals), None
-    if intervals >= 2 * LEAST_COARSE:
-        coarse = _program(task, intervals // 2)
-        found = nearest_feasible(coarse, _blind(task, coarse), runs.backend, enough=ENOUGH)
-        runs.note(_record(found, runs))
-        if not found.feasible:
-            return None
-        controls = coarse.grid.on(fine.grid, coarse.unpack(found.point)[2])
-        point = fine.pack(controls, fine.reference**2)
-    point = _blind(task, fine) if point is None else point
-    found = nearest_feasible(fine, point, runs.backend)
+    intervals = task.problem.intervals
+    halved = intervals % 2 == 0 and intervals >= 2 * LEAST_COARSE
+    coarse = aligned_grid(motion, intervals // 2 if halved else intervals)
+    program = task.program(motion.duration, coarse)
+    alpha = motion.duration**2 * motion.mean_accelerations(coarse.nodes * motion.duration)
+    point = program.pack(np.repeat(alpha[:, None], 2, axis=1), motion.duration**2)
+    found = nearest_feasible(program, point, runs.backend)
     record = _record(found, runs)
     runs.note(record)
     if not found.feasible:
         return None
-    y, z = np.zeros(fine.equalities), np.zeros(fine.inequalities)
-    status, history = SQPStatus.BOUND_REACHED, (record,)
-    result = SQPResult(found.point, y, z, found.excess, status, found.at, history)
-    return Candidate(fine, result)
+    point, at, excess = found.point, found.at, found.excess
+    if halved:
+        middles = 0.5 * (coarse.nodes[1:] + coarse.nodes[:-1])
+        fine = Grid(np.sort(np.concatenate([coarse.nodes, middles])), uniform=False)
+        controls = coarse.on(fine, program.unpack(point)[2])
+        program = task.program(motion.duration, fine)
+        point = program.pack(controls, motion.duration**2)
+        at, excess = program.evaluate(point), None
+    y, z = np.zeros(program.equalities), np.zeros(program.inequalities)
+    result = SQPResult(point, y, z, excess, SQPStatus.BOUND_REACHED, at, (record,))
+    return Candidate(program, result)
 
 
-def _program(task: Task, intervals: int) -> StagedProgram:
-    """Program whose reference is the duration that is tried on its grid."""
-    low = task.lower_bound
-    on_grid = max(task.bound_on(intervals), low)
-    duration = max(low * (1.0 + ABOVE), low + SHARE * (on_grid - low))
-    return task.program(duration, Grid.of(intervals), least=low)
-
-
-def _blind(task: Task, program: StagedProgram) -> Motion:
-    """The synchronised bang-coast-bang motion, which knows nothing of stability."""
-    duration = program.reference
-    alpha = duration**2 * grid_profile(
-        task.goal.q - task.start.q,
-        duration,
-        max_velocity=task.bounds.velocity,
-        max_acceleration=task.bounds.acceleration,
-        intervals=program.grid.size,
-    )
-    return program.pack(np.repeat(alpha[:, None], 2, axis=1), duration**2)
+def aligned_grid(motion: BlindMotion, intervals: int) -> Grid:
+    """Nodes where the deciding coordinate's acceleration jumps, the rest evenly in between."""
+    lengths = motion.phases[motion.deciding] / motion.duration
+    lengths = lengths[lengths > 1e-6]
+    lengths = lengths / lengths.sum()
+    counts = np.maximum(np.round(intervals * lengths), LEAST_PER_PHASE).astype(int)
+    while counts.sum() != intervals:  # from or to where intervals are shortest or longest
+        sizes = lengths / counts
+        k = int(np.argmin(sizes)) if counts.sum() > intervals else int(np.argmax(sizes))
+        counts[k] += 1 if counts.sum() < intervals else -1
+    ends = np.concatenate([[0.0], np.cumsum(lengths)])
+    parts = [
+        np.linspace(a, b, count, endpoint=False)
+        for a, b, count in zip(ends[:-1], ends[1:], counts, strict=True)
+    ]
+    return Grid(np.append(np.concatenate(parts), 1.0), uniform=False)
 
 
 def _record(found: Nearest, runs: Runs) -> IterationRecord:
