@@ -31,18 +31,21 @@ CLIPPED_ABOVE = 0.2  # violation
 LEAST_CLIPPED = 0.3
 LEAST_CLIPPED_LATER = 0.1  # after a step that was refused or hard to find
 CREEPING = 3e-3  # change of the objective below which a step that halves no change creeps
-HELD = 2  # steps for which the share stays after it went back to one
+# after a program that was not convex enough: first this share, then all
+CLIPPED_AGAIN = 0.5
+HELD = 1  # steps for which the share stays then
 INNER, INNER_CONVEX = 30, 60  # iterations of an interior-point method: more mean indefiniteness
 HARD = 28  # inner iterations of a program that was hard to solve
 # screening: rows nearer to their bound than this, and what the last step moved them by, take part
 NEAR = 0.05
 FIRST_NEAR = 0.1
 RELAXED_NEAR = 0.5
-DECISIVE_ABOVE = 3e-4  # violation from which on the program's decisive rows take part
+DECISIVE_ABOVE = 3e-3  # violation from which on the program's decisive rows take part
 # tolerance of quadratic programs: a share of the violation within bounds
-QP_SHARE, LEAST_TOLERANCE, LARGEST_TOLERANCE = 1e-3, 1e-8, 1e-4
+QP_SHARE, LEAST_TOLERANCE, LARGEST_TOLERANCE = 1e-2, 1e-8, 1e-4
 LARGEST_DAMPING, LARGEST_QP_DAMPING = 1e2, 10.0
 LARGEST_PRICE = 1e5
+UNDAMPED = 1e-4  # a step that was damped by more says nothing about convergence
 # infeasible: over so many relaxed steps the violation has not fallen below this share of itself
 PATIENCE, PATIENCE_SHARE, PATIENCE_VIOLATION = 3, 0.9, 1e-3
 DEAR = 300.0  # price at which even a far slower motion would be found if it were less violated
@@ -191,7 +194,8 @@ class SQP:
             if clipped < 1.0 and (
                 direction is None or self._decrease(program, iterate, direction) < -WRONG_WAY
             ):
-                model = replace(iterate.model, clipped=1.0, held=HELD)
+                again = CLIPPED_AGAIN if clipped < CLIPPED_AGAIN else 1.0
+                model = replace(iterate.model, clipped=again, held=HELD)
                 return self._stay(iterate, subproblem, replace(iterate, model=model))
         if direction is None:
             relaxed = True
@@ -367,7 +371,7 @@ class SQP:
         ahead = self._with_excess(program, ahead, change)
         slack = relaxed and direction.slack > LEFT * max(was_violated, LEFT)
         ahead = self._with_relaxation(ahead, relaxed=relaxed, slack=slack)
-        ahead = self._judged(program, ahead, change, full=full)
+        ahead = self._judged(program, ahead, change, iterate.model.damping, full=full)
         self._record(ahead, direction, subproblem, found, relaxed=relaxed)
         return ahead
 
@@ -428,7 +432,13 @@ class SQP:
         return replace(iterate, relaxation=Relaxation(slack, price, series), verdict=verdict)
 
     def _judged(
-        self, program: NonlinearProgram, iterate: Iterate, change: float, *, full: bool
+        self,
+        program: NonlinearProgram,
+        iterate: Iterate,
+        change: float,
+        damping: float,
+        *,
+        full: bool,
     ) -> Iterate:
         """With the verdict on an accepted point, and whether the next step is to finish the run."""
         if iterate.verdict is not None:
@@ -437,7 +447,8 @@ class SQP:
         feasible = iterate.is_feasible(program.tolerance, settings.equality)
         if feasible and program.optimality_gap(iterate.point) <= 2.0 * settings.equality:
             return replace(iterate, verdict=SQPStatus.BOUND_REACHED)
-        if not full or change >= settings.converged:
+        damped = damping > UNDAMPED and not iterate.finishing
+        if not full or change >= settings.converged or damped:
             return replace(iterate, finishing=False)
         if feasible:
             return replace(iterate, verdict=SQPStatus.OPTIMAL)

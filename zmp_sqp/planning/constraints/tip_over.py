@@ -30,6 +30,8 @@ __all__ = [
 # [m] kept beyond the margin that is asked for: the search need not end exactly on its rows, and the
 # proof needs few samples. Costs less than 0.01 % of the duration
 GUARD = 2e-4
+TOLERANCE_SHARE = 0.15  # of the guard, that rows may be violated by at a solution
+GUARD_SHARE = 6e-5  # of the polygon's reach: on small machines the guard is no larger than this
 LEAST_NORMAL_FORCE = 0.05  # of the weight: with less the tracks are as good as in the air
 RESOLUTION = 2e-4  # [m] by which a guaranteed margin may fall short of the sampled one
 
@@ -52,7 +54,8 @@ class TipOver:
 
     def rows(self, machine: Machine, coordinates: Coordinates) -> TipOverRows:
         """One row per edge, with `GUARD` added to the margin."""
-        return TipOverRows.of(machine, self.margin + GUARD)
+        guard = min(GUARD, GUARD_SHARE * supported(machine).reach)
+        return TipOverRows.of(machine, self.margin + guard)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,7 +71,11 @@ class TipOverRows(EffortRows):
     support: SupportPolygon
     weight: float
     margin: float
-    tolerance = 3e-5  # [m] times the share of the weight on the ground
+
+    @property
+    def tolerance(self) -> float:  # type: ignore[override]
+        """Violation of a row at a solution: a share of what the guard keeps [m]."""
+        return TOLERANCE_SHARE * min(GUARD, GUARD_SHARE * self.support.reach)
 
     @classmethod
     def of(cls, machine: Machine, margin: float) -> TipOverRows:

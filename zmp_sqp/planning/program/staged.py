@@ -32,7 +32,7 @@ INSIDE_FINE = (0.1, 0.2, 0.3, 0.4, 0.6, 0.7, 0.8, 0.9)
 DUST = 1e-7  # of the largest multiplier: smaller ones bring no curvature
 LINEAR_TOLERANCE = 2e-7  # violation of limits at a solution, scaled
 # control limits take part far from feasibility where an acceleration is on their side, or nearly
-DECISIVE, DECISIVE_EARLY = 1.0, 1.2  # of the limit, on the other side
+DECISIVE, DECISIVE_EARLY = 0.6, 0.9  # of the limit, on the other side
 
 
 @dataclass(frozen=True, slots=True, eq=False)
