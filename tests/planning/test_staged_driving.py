@@ -141,7 +141,7 @@ def test_the_hessian_on_a_plane_is_exact_for_rows_in_the_middles_of_the_interval
         x[0, stages.rates], x[-1, stages.rates] = (
             np.sqrt(sigma) * part for part in (program.first, program.last)
         )
-        variables = np.hstack([x[:-1] / STATE, x[1:, : 2 * n] / STATE, np.symmetric((N, 1), sigma)])
+        variables = np.hstack([x[:-1] / STATE, x[1:, : 2 * n] / STATE, np.full((N, 1), sigma)])
         scaled = np.einsum("kuj,kj->ku", M[:, stages.controls], variables)
         q, w = x[:, :n], x[:, n : 2 * n] * program.rate_scale
         controls = scaled.reshape(N, 2, n) * program.control_scale
