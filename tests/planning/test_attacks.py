@@ -17,7 +17,7 @@ from benchmarks.problems.terrain import rolling_map
 from benchmarks.problems.terrain import unicycle_base as base
 from tests.planning.driving import retreat
 from zmp_sqp.motion.unicycle_motion import UnicycleMotion
-from zmp_sqp.planning.proof import path_error
+from zmp_sqp.planning.proof import position_errors
 from zmp_sqp.planning.proof.base_check import ARRIVAL, BOUNDS_TOLERANCE, position_room
 from zmp_sqp.planning.search.messages import failure_message
 
@@ -256,7 +256,7 @@ def test_a_base_that_turns_fast_over_terrain_has_a_margin_or_a_reason_why_not(
     assert np.isfinite(found.margin)
     assert found.margin == pytest.approx(found.sampled, abs=0.05)
     assert not found.doubt
-    monkeypatch.setattr(path_error, "STRAY", 1e-9)  # [m] as if its path were known that badly
+    monkeypatch.setattr(position_errors, "STRAY", 1e-9)  # [m] as if its path were known that badly
     found = zs.certify(machine, motion, motion.base.ground)
     assert found.margin == -np.inf
     assert np.isfinite(found.sampled)

@@ -11,12 +11,9 @@ import pytest
 
 import zmp_sqp as zs
 from benchmarks.problems.paper import paper_scene
-from tests.checks import central_differences
 from zmp_sqp.arrays import Array
 from zmp_sqp.mechanics.uncertainty import leaning_corners
 from zmp_sqp.mechanics.wrench import ground_reaction
-from zmp_sqp.planning.program.grid import Grid
-from zmp_sqp.planning.search.task import task_of
 
 START = np.array([0.0, -np.pi / 6, -2 * np.pi / 3, np.pi / 6, -np.pi / 2])
 GOAL = START + np.array([np.pi, 0.0, 0.0, 0.0, 0.0])
@@ -151,7 +148,7 @@ def test_the_certificate_names_the_worst_corner() -> None:
         zs.certify(corner.machine, plan.trajectory, corner.ground).margin
         for corner in plan.problem.corners(every=True)
     )
-    assert plan.margin == least
+    assert plan.margin == pytest.approx(least, abs=1e-5)
 
 
 def test_a_safer_problem_is_never_faster() -> None:
@@ -167,20 +164,6 @@ def test_a_safer_problem_is_never_faster() -> None:
     ]
     assert min(durations) >= durations[0] * (1.0 - 1e-6)
     assert demanding_plan().duration > durations[0] * 1.0001
-
-
-def test_derivatives_of_all_corners_at_once() -> None:
-    task = task_of(problem(intervals=3, payload_uncertainty=0.2, slope_uncertainty=0.05))
-    program = task.program(5.0, Grid.of(3))
-    assert len(task.constraints.corners) == 8
-    point = program.pack(np.random.default_rng(2).normal(size=(3, 2, 5)), 20.0)
-    lin = program.linearize(point)
-    expected = central_differences(
-        lambda step: program.evaluate(program.moved(lin, point, step)).inequalities,
-        np.zeros(program.size),
-    )
-    scale = np.maximum(1.0, np.abs(expected).max(axis=1, keepdims=True))
-    np.testing.assert_allclose(lin.C.matrix.toarray() / scale, expected / scale, atol=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -124,7 +124,7 @@ def timed_motion(
 ) -> tuple[Array, Array] | None:
     r"""Motion of one double integrator that takes a given time, with its largest acceleration.
 
-    It goes from the start rate to a coasting rate p, coasts, and goes to the goal rate. The distance
+    It goes from the start rate to a coasting rate p, coasts, and goes to the goal rate. It covers
 
     .. math:: D(p) = \frac{v_0 + p}{2} t_1 + p\, t_2 + \frac{p + v_1}{2} t_3, \quad
               t_1 = |p - v_0| / a, \; t_3 = |v_1 - p| / a, \; t_2 = T - t_1 - t_3

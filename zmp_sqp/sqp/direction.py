@@ -55,8 +55,9 @@ class Subproblem:
     .. math:: \min_d \tfrac12 d^T H d + g^T d \quad \text{s.t.} \quad c_E + A d = 0, \;
               c_I + C d \le 0
 
-    Only inequalities near their bounds take part. Those that the solution violates join, until it
-    violates none by more than a fifth of what is violated now.
+    Only inequalities near their bounds take part, and of rows alike those that lead (`Jacobian`).
+    Those that the solution violates join, until it violates none by more than a fifth of what is
+    violated now, or after four programs.
     """
 
     def __init__(
@@ -89,20 +90,26 @@ class Subproblem:
             warm: Last solution, of the same rows.
         """
         lin, keep = self.lin, self.keep
-        values = lin.at.inequalities
-        missed = max(DUST, MISSED * lin.at.violation)
-        for last in (False,) * (ROUNDS - 1) + (True,):
+        for rounds in range(1, ROUNDS + 1):
             solution = self._ask(self._qp(keep), iterations, warm)
             if solution is None:
                 return None
-            predicted = lin.C @ solution.x + values
-            over = (predicted > missed) & ~keep
-            if not over.any():
-                break
-            if not last:
-                keep, warm = keep | (predicted > -ADDED), None
-        self.keep = keep
-        return self._direction(solution, predicted, 0.0)
+            predicted = lin.C @ solution.x + lin.at.inequalities
+            joined = self._joined(keep, predicted) if rounds < ROUNDS else None
+            if joined is None:
+                self.keep = keep
+                return self._direction(solution, predicted, 0.0)
+            keep, warm = joined, None
+        return None
+
+    def _joined(self, keep: Mask, predicted: Array) -> Mask | None:
+        """Rows with those that a step brings near; None if it violates no other one by much."""
+        missed = max(DUST, MISSED * self.lin.at.violation)
+        over = (predicted > missed) & ~keep
+        if not over.any():
+            return None
+        leading = self.lin.C.leading(predicted)
+        return keep | ((predicted > -ADDED) & leading) if (over & leading).any() else None
 
     def solve_relaxed(self, nonlinear: int, price: float) -> Direction | None:
         """Step of the program whose nonlinear rows may be violated at a price; None if that fails.
@@ -148,7 +155,8 @@ class Subproblem:
             self.inner += solution.iterations
             if solution.solved and solution.is_finite():
                 above = float((qp.C @ solution.x - qp.u).max(initial=0.0))
-                if above <= max(SOLVED, 10.0 * self._tolerance * max(1.0, np.abs(qp.u).max(initial=0.0))):
+                scale = max(1.0, float(np.abs(qp.u).max(initial=0.0)))
+                if above <= max(SOLVED, 10.0 * self._tolerance * scale):
                     self._backend = backend
                     return solution
         return None

@@ -121,8 +121,8 @@ class _Search:
 
     def _values(self, point: Any) -> Evaluation:
         at = self.program.evaluate(point)
-        count = self.program.nonlinear
-        if self.enough == 0.0 and self.excess is None and at.inequalities[:count].max(initial=0.0) < EXCESS_BELOW:
+        worst = at.inequalities[: self.program.nonlinear].max(initial=0.0)
+        if self.enough == 0.0 and self.excess is None and worst < EXCESS_BELOW:
             raw = self.program.excess(point, at, fine=False)
             if raw is not None:
                 self.excess = EXCESS_FACTOR * raw + EXCESS_GUARD
@@ -140,7 +140,7 @@ class _Search:
         program = self.program
         lin = program.linearize(point)
         reach = NEAR + (REACH * at.violation if self.keep is None else 0.0)
-        keep = at.inequalities > -reach
+        keep = (at.inequalities > -reach) & lin.C.leading(at.inequalities)
         if self.keep is not None:
             keep |= self.keep
         keep |= program.decisive(point, early=False)
@@ -150,7 +150,8 @@ class _Search:
         A = None if lin.A is None else _without_last(lin.A)
         for _ in range(ROUNDS):
             C = _without_last(lin.C.selected(keep))
-            qp = QP(self.H, np.zeros(program.size - 1), A, -at.equalities, C, -at.inequalities[keep])
+            nothing, u = np.zeros(program.size - 1), -at.inequalities[keep]
+            qp = QP(self.H, nothing, A, -at.equalities, C, u)
             solution = self.backend.solve(qp, tolerance=float(tolerance), iterations=INNER)
             self.steps, self.inner = self.steps + 1, self.inner + solution.iterations
             if not (solution.solved and solution.is_finite()):
@@ -159,9 +160,9 @@ class _Search:
             predicted = lin.C @ step + at.inequalities
             over = (predicted > missed) & ~keep
             over[-1] = False
-            if not over.any():
+            if not over.any() or not (over & (leading := lin.C.leading(predicted))).any():
                 break
-            keep = keep | (predicted > -NEAR)
+            keep = keep | ((predicted > -NEAR) & leading)
             keep[-1] = False
         self.keep = keep
         self.chord = lin, point, None, step

@@ -49,6 +49,7 @@ UNDAMPED = 1e-4  # a step that was damped by more says nothing about convergence
 # infeasible: over so many relaxed steps the violation has not fallen below this share of itself
 PATIENCE, PATIENCE_SHARE, PATIENCE_VIOLATION = 3, 0.9, 1e-3
 DEAR = 300.0  # price at which even a far slower motion would be found if it were less violated
+SLOWEST = 0.9  # ratio of changes that is believed, where steps creep
 LEFT = 1e-3  # of the violation: a smaller slack counts as none
 LEAST_OBJECTIVE = 1e-8
 EXCESS_FACTOR, EXCESS_GUARD = 1.05, 2e-6  # by which lagged excess is exaggerated
@@ -60,7 +61,8 @@ class SQPSettings:
 
     Attributes:
         optimality: Largest predicted decrease of the objective at a solution.
-        converged: Relative change of the objective's square root by a full step that ends the run.
+        converged: Relative change of the objective's square root that ends the run: by a full step,
+            and by those that would follow it if changes fell on as they did.
         closable: Largest violation that one finishing step closes.
         coarse: Violation with which the run may end as COARSE; 0 asks for a solution.
         excess_from: Change below which what rows exceed between their places is added to them; 0
@@ -200,7 +202,9 @@ class SQP:
         if direction is None:
             relaxed = True
             price = min(max(iterate.relaxation.price, iterate.penalty.nonlinear), LARGEST_PRICE)
-            subproblem.keep |= iterate.lin.at.inequalities > -RELAXED_NEAR
+            values = iterate.lin.at.inequalities
+            subproblem.keep |= (values > -RELAXED_NEAR) & iterate.lin.C.leading(values)
+            subproblem.keep[-1] = True  # the objective's own bound
             direction = subproblem.solve_relaxed(program.nonlinear, price)
         if direction is None:
             failed = iterate.model.damping > LARGEST_QP_DAMPING
@@ -240,11 +244,10 @@ class SQP:
             y, z, damping = np.zeros_like(y), np.zeros_like(z), max(damping, 1.0)
         H = program.hessian(lin, y, z, clipped=clipped, damping=damping)
         values, number = lin.at.inequalities, iterate.number
-        if number == 0 and not settings.resumed:
-            keep = np.ones(len(values), dtype=bool)
-        else:
+        keep = lin.C.leading(values)
+        if number > 0 or settings.resumed:
             moved = FIRST_NEAR if iterate.step is None else iterate.step
-            keep = (values > -(NEAR + moved)) | (iterate.z > 0.0)
+            keep = (keep & (values > -(NEAR + moved))) | (iterate.z > 0.0)
         early = number < WHOLLY_CLIPPED
         if iterate.violation > DECISIVE_ABOVE or early:
             keep = keep | program.decisive(iterate.point, early=early)
@@ -253,9 +256,7 @@ class SQP:
         backends = (self.backend,) if self.fallback is None else (self.backend, self.fallback)
         return Subproblem(lin, H, keep, backends, tolerance)
 
-    def _decrease(
-        self, program: NonlinearProgram, iterate: Iterate, direction: Direction
-    ) -> float:
+    def _decrease(self, program: NonlinearProgram, iterate: Iterate, direction: Direction) -> float:
         """Decrease of the merit function that a step promises to first order."""
         at, penalty, count = iterate.lin.at, iterate.penalty, program.nonlinear
         after = penalty.of(direction.predicted, np.zeros(0), count)
@@ -371,7 +372,8 @@ class SQP:
         ahead = self._with_excess(program, ahead, change)
         slack = relaxed and direction.slack > LEFT * max(was_violated, LEFT)
         ahead = self._with_relaxation(ahead, relaxed=relaxed, slack=slack)
-        ahead = self._judged(program, ahead, change, iterate.model.damping, full=full)
+        to_come = _still_to_come(change, iterate.change)
+        ahead = self._judged(program, ahead, to_come, iterate.model.damping, full=full)
         self._record(ahead, direction, subproblem, found, relaxed=relaxed)
         return ahead
 
@@ -393,9 +395,7 @@ class SQP:
         least = 0.0 if creeps else min(model.clipped, LEAST_CLIPPED)
         return replace(model, clipped=max(least, 0.5 * model.clipped))
 
-    def _with_excess(
-        self, program: NonlinearProgram, iterate: Iterate, change: float
-    ) -> Iterate:
+    def _with_excess(self, program: NonlinearProgram, iterate: Iterate, change: float) -> Iterate:
         """With what nonlinear rows exceed between their places, late in the run."""
         settings = self.settings
         late = settings.excess_from > 0.0 and change < settings.excess_from
@@ -427,7 +427,8 @@ class SQP:
         )
         if stuck:
             # a slower point might be less violated: at a higher price it would be found
-            verdict = SQPStatus.INFEASIBLE if max(price, iterate.penalty.nonlinear) >= DEAR else None
+            dear = max(price, iterate.penalty.nonlinear) >= DEAR
+            verdict = SQPStatus.INFEASIBLE if dear else None
             price, series = DEAR, series[-1:]
         return replace(iterate, relaxation=Relaxation(slack, price, series), verdict=verdict)
 
@@ -435,7 +436,7 @@ class SQP:
         self,
         program: NonlinearProgram,
         iterate: Iterate,
-        change: float,
+        to_come: float,
         damping: float,
         *,
         full: bool,
@@ -448,7 +449,7 @@ class SQP:
         if feasible and program.optimality_gap(iterate.point) <= 2.0 * settings.equality:
             return replace(iterate, verdict=SQPStatus.BOUND_REACHED)
         damped = damping > UNDAMPED and not iterate.finishing
-        if not full or change >= settings.converged or damped:
+        if not full or to_come >= settings.converged or damped:
             return replace(iterate, finishing=False)
         if feasible:
             return replace(iterate, verdict=SQPStatus.OPTIMAL)
@@ -506,6 +507,14 @@ class _Found:
     lin: Linearization
     length: float
     corrections: int
+
+
+def _still_to_come(change: float, before: float | None) -> float:
+    """The last change, or the sum of all that would follow by its ratio to the one before."""
+    if before is None or before <= 0.0:
+        return change
+    ratio = min(change / before, SLOWEST)
+    return change * max(1.0, ratio / (1.0 - ratio))
 
 
 def _relative_change(before: float, after: float) -> float:

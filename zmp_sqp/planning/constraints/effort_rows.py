@@ -90,12 +90,30 @@ class EffortRows:
         return np.where(np.isfinite(room), room, -np.inf)
 
     def least_between(self, stretch: Stretch, ends: Array) -> tuple[Array, Array]:
+        """Lower bound on the room inside each stretch, see `ConstraintRows.least_between`."""
+        return self.least_of(stretch, self.room_of(stretch))
+
+    def least_of(self, stretch: Stretch, room: Array) -> tuple[Array, Array]:
         """Lower bound on the room inside each stretch, see `ConstraintRows.least_between`.
 
-        It is the room at the ends less the bounds on interpolation and rounding error of C e.
+        It is the least room at the control points less the bounds on the error of C e.
+
+        Args:
+            stretch: K stretches.
+            room: Room at their control points, shape (n + 1, K, R).
         """
-        reachable = ends - self.uncertainty(stretch.rounding)
-        return reachable - self.uncertainty(stretch.interpolation), reachable
+        rounding, interpolation = (
+            self.uncertainty(off) for off in (stretch.rounding, stretch.interpolation)
+        )
+        ends = np.minimum(room[0], room[-1])
+        return room.min(axis=0) - rounding - interpolation, ends - rounding
+
+    def room_of(self, stretch: Stretch) -> Array:
+        """Room at the control points of K stretches, shape (n + 1, K, R)."""
+        start, (points, count, columns) = stretch.start, stretch.control.shape
+        efforts = stretch.control.reshape(points * count, columns)
+        sample = MotionSample(start.machine, start.q, start.v, start.a, efforts)
+        return self.room(sample).reshape(points, count, -1)
 
     def uncertainty(self, off: EffortBound) -> Array:
         """Bound on |C e| for efforts e that are bounded by `off`, shape (K, R)."""

@@ -1,10 +1,14 @@
-"""Guarantee: the least room that a motion leaves to one constraint."""
+"""Guarantee: the least room that a motion leaves to one constraint; amounts in words."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["Guarantee"]
+from zmp_sqp.arrays import length_text
+
+__all__ = ["Guarantee", "amount_in_words"]
+
+LEAST_IN_KILO = 1e4  # [N, N m] forces and torques from here on are given in kN and kN m
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,3 +50,19 @@ class Guarantee:
     def shortfall(self) -> float:
         """Required less guaranteed room, in the unit of the value; not positive where kept."""
         return max(self.required, 0.0) - self.value
+
+
+def amount_in_words(value: float, unit: str) -> str:
+    """A value with its unit: lengths in m or mm, forces and torques in N, kN, N m or kN m.
+
+    Args:
+        value: A finite number.
+        unit: SI unit of the value; empty where it is not known.
+    """
+    if value == 0.0:
+        return f"0 {unit}".strip()
+    if unit == "m":
+        return f"{'-' if value < 0.0 else ''}{length_text(abs(value))}"
+    if unit in ("N", "N m") and abs(value) >= LEAST_IN_KILO:
+        return f"{1e-3 * value:,.1f} k{unit}"
+    return f"{value:.3g} {unit}".strip()

@@ -139,14 +139,19 @@ class MotionSample:
 class Stretch:
     """K stretches of time of a motion, with what bounds the rows between their two ends.
 
+    Joint states have no columns where the rows are `EffortRows`, which need none.
+
     Attributes:
         start, end: States at the ends.
         length: Durations, shape (K,) [s].
         reach, v, a, j: Largest |coordinate|, |rate|, |acceleration| and |jerk| of each joint
             inside, shape (K, n) each [rad or m, s].
-        interpolation: Bound on the difference between the efforts inside and the straight line
-            between the efforts at the ends.
-        rounding: Bound on the rounding error of computed efforts.
+        interpolation: Bound on the difference between the efforts inside and polynomials of time
+            with the given control points; it vanishes as stretches get shorter.
+        rounding: Bound on the error of computed efforts, however short the stretch.
+        control: Control points (Bernstein coefficients) of these polynomials, shape (n + 1, K, R).
+            A polynomial lies in the convex hull of its control points; the first and the last are
+            the efforts at the ends.
     """
 
     start: MotionSample
@@ -158,6 +163,7 @@ class Stretch:
     j: Array
     interpolation: EffortBound
     rounding: EffortBound
+    control: Array
 
 
 class ConstraintRows(Protocol):

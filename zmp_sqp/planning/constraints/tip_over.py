@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -66,11 +67,14 @@ class TipOverRows(EffortRows):
         support: The support polygon.
         weight: Mass times gravity, which scales the rows to order one [N].
         margin: Distance from every edge that the rows enforce in the program [m].
+        distance: Matrix that gives -f_z times the distance from every edge, from the wrench, shape
+            (R, 6).
     """
 
     support: SupportPolygon
     weight: float
     margin: float
+    distance: Array
 
     @property
     def tolerance(self) -> float:  # type: ignore[override]
@@ -94,12 +98,13 @@ class TipOverRows(EffortRows):
             C=support.wrench_rows(margin),
             c=np.zeros(count),
             divisor=np.full(count, weight),
-            labels=tuple(edge_label(support, i) for i in range(count)),
+            labels=_edge_labels(support),
             units=("m",) * count,
             resolution=np.full(count, RESOLUTION),
             support=support,
             weight=weight,
             margin=margin,
+            distance=support.wrench_rows(),
         )
 
     def tightened(self, amount: float) -> TipOverRows:
@@ -115,36 +120,47 @@ class TipOverRows(EffortRows):
         wrench = sample.efforts[:, :WRENCH]
         normal = wrench[:, 2:3]
         with np.errstate(all="ignore"):
-            distance = -(wrench @ self.support.wrench_rows().T) / normal
-        return np.where((normal > 0.0) & np.isfinite(distance), distance, -np.inf)
+            distance = (wrench @ self.distance.T) / -normal
+        distance[~((normal > 0.0) & np.isfinite(distance))] = -np.inf
+        return distance
 
-    def least_between(self, stretch: Stretch, ends: Array) -> tuple[Array, Array]:
+    def least_of(self, stretch: Stretch, room: Array) -> tuple[Array, Array]:
         r"""Lower bound on the distance from each edge inside each stretch.
 
-        Let r = (e . p - b) f_z, which is linear in the wrench, and let m be the lesser distance at
-        the two ends. Then h = r + m f_z is not positive at both ends. Inside, h exceeds the chord
-        between the ends by at most its interpolation error, so that
+        Let r = (e . p - b) f_z, which is linear in the wrench, and let m be the least distance at
+        the control points of the wrench. Then r + m f_z is not positive at any control point, hence
+        nowhere on the polynomial. If the wrench is not the polynomial's, r + m f_z exceeds that of
+        the polynomial by at most :math:`\epsilon`, so that
 
-        .. math:: b - e \cdot p(t) \ge m - \frac{\max |h - \text{chord}|}{\min f_z}
+        .. math:: b - e \cdot p(t) \ge m - \frac{\epsilon}{\min f_z}
 
         Args:
             stretch: K stretches.
-            ends: m, the lesser distance at the two ends of each stretch, shape (K, R) [m].
+            room: Distances at their control points, shape (n + 1, K, R) [m].
 
         Returns:
             The bound, and the bound that a stretch of no length would give, shape (K, R) each [m].
         """
-        normal = np.minimum(stretch.start.efforts[:, 2], stretch.end.efforts[:, 2])[:, None]
-        rows = self.support.wrench_rows()
+        normal = stretch.control[:, :, 2:3]  # (n + 1, K, 1)
+        every = stretch.rounding.plus(stretch.interpolation)
+        bound = self._less(room.min(axis=0), normal.min(axis=0), every)
+        ends, at_ends = np.minimum(room[0], room[-1]), np.minimum(normal[0], normal[-1])
+        return bound, self._less(ends, at_ends, stretch.rounding)
 
-        def bound(off: EffortBound) -> Array:  # for efforts that are off by at most `off`
-            force, moment = off.force[:, None], off.moment[:, None]
-            error = np.linalg.norm(rows[:, :3], axis=1) * force
-            error = error + np.linalg.norm(rows[:, 3:], axis=1) * moment
-            inside = ends - (error + np.abs(ends) * force) / (normal - force)
-            return np.where((normal > force) & ~np.isnan(inside), inside, -np.inf)
+    def _less(self, distance: Array, normal: Array, off: EffortBound) -> Array:
+        """Distances (K, R) less what an error of the wrench can change, -inf without contact.
 
-        return bound(stretch.interpolation.plus(stretch.rounding)), bound(stretch.rounding)
+        Args:
+            distance: Shape (K, R) [m].
+            normal: Least normal force, shape (K, 1) [N].
+            off: Bound on the error of the wrench, shape (K,).
+        """
+        force, moment = off.force[:, None], off.moment[:, None]
+        with np.errstate(all="ignore"):
+            error = np.linalg.norm(self.distance[:, :3], axis=1) * force
+            error = error + np.linalg.norm(self.distance[:, 3:], axis=1) * moment
+            inside = distance - (error + np.abs(distance) * force) / (normal - force)
+        return np.where((normal > force) & ~np.isnan(inside), inside, -np.inf)
 
     def outside(self, wrench: Array) -> Array:
         """Distance by which the zero moment point violates the margin of the rows, (K,) [m].
@@ -195,6 +211,12 @@ class ContactRows(EffortRows):
         """Normal force, shape (K, 1) [N]; -inf where it has no value."""
         normal = sample.efforts[:, 2:3]
         return np.where(np.isfinite(normal), normal, -np.inf)
+
+
+@lru_cache(maxsize=32)
+def _edge_labels(support: SupportPolygon) -> tuple[str, ...]:
+    """Labels of all edges."""
+    return tuple(edge_label(support, i) for i in range(len(support.vertices)))
 
 
 def supported(machine: Machine) -> SupportPolygon:

@@ -22,6 +22,8 @@ __all__ = [
     "check_limits",
     "check_simplified",
     "checked_in_range",
+    "AUTO",
+    "MOST_ACCELERATIONS",
     "checked_intervals",
     "checked_margin",
 ]
@@ -53,6 +55,7 @@ class _Limits(NamedTuple):
 
 
 # intervals times joints: the dense form of the QPs needs memory in its square, here 2 GB
+AUTO = "auto"  # number of intervals that the planner chooses
 MOST_ACCELERATIONS = 10_000
 UNCERTAINTIES = (
     Range("tipping_fraction", 0.1, 1.0, ""),
@@ -66,19 +69,21 @@ LIMIT_TOLERANCE = 1e-9  # [rad or m] distance outside a limit that counts as rou
 LIMIT_RANGE = (1e-12, 1e12)
 
 
-def checked_intervals(given: object, joints: int) -> int:
-    """Number of intervals, as a Python integer.
+def checked_intervals(given: object, joints: int) -> int | str:
+    """Number of intervals as a Python integer, or "auto".
 
     Args:
         given: Number of intervals as the user gave it.
         joints: Number of joints.
 
     Raises:
-        ProblemError: Not a whole number, below 2, or more than `MOST_ACCELERATIONS / joints`.
+        ProblemError: Neither "auto" nor a whole number, below 2, or more than `MOST_ACCELERATIONS / joints`.
     """
+    if isinstance(given, str) and given == AUTO:
+        return AUTO
     if isinstance(given, bool) or not isinstance(given, (int, np.integer)) or given < 2:
         raise ProblemError(
-            f"intervals must be a whole number of at least 2, not {shortened(given)}"
+            f'intervals must be a whole number of at least 2 or "auto", not {shortened(given)}'
         )
     if given * joints > MOST_ACCELERATIONS:
         raise ProblemError(

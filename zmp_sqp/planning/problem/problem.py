@@ -19,6 +19,7 @@ from zmp_sqp.planning.constraints.distance import DistanceLimits
 from zmp_sqp.planning.constraints.protocol import PathConstraint
 from zmp_sqp.planning.constraints.tip_over import Contact, TipOver
 from zmp_sqp.planning.problem.checks import (
+    AUTO,
     UNCERTAINTIES,
     check_boundary_state,
     check_limits,
@@ -45,6 +46,7 @@ LEVEL = Slope()  # the default ground
 MODELS = ("full", "simplified")  # values of `Problem.model`
 # arguments with one number per joint
 STATES = ("start", "goal", "start_velocity", "goal_velocity")
+FIRST_INTERVALS = 50  # where the planner chooses
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,7 +69,8 @@ class Problem:
         start_velocity: Joint rates at the start, shape (n,) [rad/s or m/s]; None is rest.
         goal_velocity: Joint rates at the goal, shape (n,) [rad/s or m/s]; None is rest.
         margin: Required distance from the ZMP to every edge of the support polygon [m].
-        intervals: Number N of equal intervals of the time grid.
+        intervals: Number N of equal intervals of the time grid; with "auto" as many, from 50 on, as
+            bring the duration within 0.1 % of that on a grid four times as fine, by estimate.
         model: "full" plans every joint; "simplified" plans the slew angle and the distance of the
             lumped mass from the slew axis (Song & Sharf 2020, eq. (20)).
         distance_limits: Bounds on the lumped mass that replace the limits of boom, stick and
@@ -97,7 +100,7 @@ class Problem:
     start_velocity: Any = None
     goal_velocity: Any = None
     margin: float = 0.0
-    intervals: int = 50
+    intervals: int | str = 50
     model: str = "full"
     distance_limits: DistanceLimits | None = None
     base: UnicycleBase | None = None
@@ -136,6 +139,16 @@ class Problem:
         self._set("_coordinates", self._planned())
         for name in ("start", "goal"):
             self._check_boundary(name)
+
+    @property
+    def refines(self) -> bool:
+        """Whether the planner chooses the number of intervals."""
+        return self.intervals == AUTO
+
+    @property
+    def first_intervals(self) -> int:
+        """Number of intervals of the first grid that has the last word: N, or 50."""
+        return FIRST_INTERVALS if isinstance(self.intervals, str) else self.intervals
 
     def _set(self, name: str, value: Any) -> None:
         object.__setattr__(self, name, value)

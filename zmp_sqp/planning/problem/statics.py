@@ -26,6 +26,7 @@ from zmp_sqp.mechanics.wrench import (
     ground_reaction_derivatives,
 )
 from zmp_sqp.mechanics.zero_moment_point import zmp_of_wrench
+from zmp_sqp.planning.constraints.guarantee import amount_in_words
 from zmp_sqp.planning.constraints.protocol import MotionSample, PathConstraint
 from zmp_sqp.planning.constraints.tip_over import supported
 from zmp_sqp.planning.problem.zmp_words import edge_text, zmp_position
@@ -252,11 +253,12 @@ def check_constraints_at_rest(
             room = rows.room(sample)[0]
             worst = int(np.argmin(room))
             if room[worst] < -TOLERANCE:
-                short = f"{-room[worst]:.3g} {rows.units[worst]}".strip()
-                raise ProblemError(
-                    f"constraint {constraint.name} ({rows.labels[worst]}) is broken at rest at the "
-                    f"{name}{_extreme(corner)}, by {short}"
-                )
+                what = f"constraint {constraint.name} ({rows.labels[worst]})"
+                at_rest = f"at rest at the {name}{_extreme(corner)}"
+                if not np.isfinite(room[worst]):
+                    raise ProblemError(f"{what} has no value {at_rest}")
+                short = amount_in_words(float(-room[worst]), rows.units[worst])
+                raise ProblemError(f"{what} is broken {at_rest}, by {short}")
 
 
 def _extreme(corner: Corner) -> str:

@@ -115,15 +115,20 @@ class UnicycleBase:
         return float(np.hypot(*(self.goal[:2] - self.start[:2])))
 
     @property
+    def offset(self) -> tuple[float, float]:
+        """How far the goal lies ahead and to the left, by the mean of both headings [m]."""
+        step, heading = self.goal[:2] - self.start[:2], 0.5 * (self.start[2] + self.goal[2])
+        ahead = float(step @ [np.cos(heading), np.sin(heading)])
+        return ahead, float(step @ [-np.sin(heading), np.cos(heading)])
+
+    @property
     def travel(self) -> float:
         """Straight distance from start to goal, negative for driving backwards [m].
 
         The base drives backwards where the goal lies behind the start, seen in the mean of the
         headings at start and goal.
         """
-        step, heading = self.goal[:2] - self.start[:2], 0.5 * (self.start[2] + self.goal[2])
-        ahead = float(step @ [np.cos(heading), np.sin(heading)])
-        return self.distance if ahead >= -LEAST_DISTANCE else -self.distance
+        return self.distance if self.offset[0] >= -LEAST_DISTANCE else -self.distance
 
     @property
     def least_duration(self) -> float:

@@ -47,7 +47,7 @@ class ArmModel:
     def efforts(
         self, q: Array, w: Array, alpha: Array, S: float, positions: Array | None = None
     ) -> Array:
-        """S times the efforts, shape (K, R) [N s^2, N m s^2]; the base stands, positions are unused.
+        """S times the efforts, shape (K, R) [N s^2, N m s^2]; positions are not used.
 
         Args:
             q, w, alpha: Coordinates and their derivatives by s, shape (K, n) each.

@@ -9,6 +9,7 @@ from zmp_sqp.errors import NotSolved
 from zmp_sqp.motion.trajectory import Trajectory
 from zmp_sqp.planning.problem.problem import Problem
 from zmp_sqp.planning.proof.certificate import Certificate
+from zmp_sqp.planning.search.run import SearchRun
 from zmp_sqp.sqp.result import IterationRecord
 
 __all__ = ["Plan", "Status"]
@@ -18,7 +19,7 @@ class Status(enum.Enum):
     """How planning ended; `str()` gives a sentence, with advice where no motion was found."""
 
     OPTIMAL = "Solved: to first order, no motion near this one is faster."
-    FASTEST_POSSIBLE = "Solved: no motion within the joint limits can be faster on this grid."
+    FASTEST_POSSIBLE = "Solved: no motion within the joint limits is faster by more than 0.03 %."
     SAFE = (
         "Solved: the motion is safe, but it may not be the fastest; "
         "give more time, or try another QP solver."
@@ -81,6 +82,7 @@ class Plan:
         iterations: Number of SQP iterations, each with one QP or more.
         solve_time: Wall time of planning, certification included [s].
         history: One record per SQP iteration.
+        runs: One record per run of the search: guess, grid, QP solver, how it ended.
         qp_solver: Name of the QP solver that was asked for.
         attempt: Last motion that was looked at, safe or not; None if there was none.
     """
@@ -96,6 +98,7 @@ class Plan:
     history: tuple[IterationRecord, ...] = field(repr=False)
     qp_solver: str
     attempt: Trajectory | None = field(repr=False)
+    runs: tuple[SearchRun, ...] = field(default=(), repr=False)
 
     @property
     def success(self) -> bool:

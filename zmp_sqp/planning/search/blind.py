@@ -60,14 +60,16 @@ class BlindMotion:
         return np.take_along_axis(self.accelerations.T, phase, axis=0)
 
     def mean_accelerations(self, times: Array) -> Array:
-        """Mean accelerations between times (K + 1,), shape (K, n)."""
+        """Mean accelerations between times (K + 1,), shape (K, n); 0 where two times are one."""
         ends = np.cumsum(self.phases, axis=1)
         gained = np.zeros((len(times), len(ends)))  # of rate, since the start
         for i in range(3):
             since = ends[:, i] - self.phases[:, i]
             inside = np.clip(times[:, None] - since, 0.0, self.phases[:, i])
             gained += inside * self.accelerations[:, i]
-        return np.asarray(np.diff(gained, axis=0) / np.diff(times)[:, None])
+        lengths = np.diff(times)[:, None]
+        nothing = np.zeros((len(lengths), len(ends)))
+        return np.divide(np.diff(gained, axis=0), lengths, out=nothing, where=lengths > 0.0)
 
 
 def blind_motion(task: Task, stretch: float = 0.0) -> BlindMotion | None:
@@ -120,7 +122,7 @@ def certified_blind_motion(task: Task) -> tuple[Trajectory, Certificate] | None:
     motion = blind_motion(task)
     if motion is None or not _seems_safe(task, motion):
         return None
-    times = motion.nodes(problem.intervals)
+    times = motion.nodes(problem.first_intervals)
     h = np.diff(times)[:, None]
     a = motion.acceleration_at(0.5 * (times[1:] + times[:-1]))
     v = task.start.v + np.vstack([0.0 * a[:1], np.cumsum(h * a, axis=0)])

@@ -8,6 +8,7 @@ from zmp_sqp.arrays import length_text
 from zmp_sqp.planning.problem.problem import Problem
 from zmp_sqp.planning.problem.zmp_words import zmp_position
 from zmp_sqp.planning.proof.certificate import Certificate
+from zmp_sqp.planning.proof.words import broken_own, fault_of, limit_fault, name_in_words
 from zmp_sqp.planning.search.answer import Status
 
 __all__ = ["failure_message"]
@@ -17,6 +18,8 @@ def failure_message(
     problem: Problem, status: Status, checked: Certificate, obstacle: str = ""
 ) -> str:
     """Message of a plan: its status and, without success, each violated constraint.
+
+    With success, the message names constraints that are sampled only.
 
     Args:
         problem: The problem.
@@ -29,17 +32,47 @@ def failure_message(
     """
     if obstacle:
         return f"{status} The last motion looked at: {obstacle}."
-    if status.success or problem.machine.support is None:
+    if status.success:
+        return f"{status}{_sampled_only(checked)}"
+    if problem.machine.support is None:
         return str(status)
-    said = [str(status)]
-    if checked.fault:
-        missed = np.isinf(checked.limit_excess)  # the base misses its goal
-        said.append(
-            f"The last motion looked at {checked.fault}{_sideways(problem) if missed else ''}."
-        )
+    said = [_ending(problem, status, checked)]
+    said += [f"The last motion looked at {words}." for words in _faults(problem, checked)]
     if checked.margin < problem.margin:
         said.append(_zmp_sentence(problem, checked))
     return " ".join(said)
+
+
+def _ending(problem: Problem, status: Status, checked: Certificate) -> str:
+    """Status; where tip-over is not the problem, the names of the constraints that are violated."""
+    own = broken_own(checked.guarantees)
+    if status is not Status.INFEASIBLE or not own or checked.margin < problem.margin:
+        return str(status)
+    names = " and ".join(found.name for found in own)
+    return (
+        f"Not solved: the search ended at a motion that still breaks {names}; try a looser limit, "
+        "a lighter payload, or another start or goal."
+    )
+
+
+def _faults(problem: Problem, checked: Certificate) -> list[str]:
+    """What is wrong beside tip-over, in words that follow "the motion".
+
+    All violated constraints of the problem, and the first violated limit of joints or base.
+    """
+    words = [fault_of(found) for found in broken_own(checked.guarantees)]
+    if limit := limit_fault(checked.guarantees):
+        missed = np.isinf(checked.limit_excess)  # the base misses its goal
+        words.append(f"{limit}{_sideways(problem) if missed else ''}")
+    return words
+
+
+def _sampled_only(checked: Certificate) -> str:
+    """Constraints that are not proven between samples, as a sentence; empty if all are."""
+    names = [name_in_words(found) for found in checked.guarantees if not found.proven]
+    if not names:
+        return ""
+    return f" Sampled only, 2000 times a second, not proven: {', '.join(names)}."
 
 
 def _zmp_sentence(problem: Problem, checked: Certificate) -> str:
@@ -67,9 +100,7 @@ def _sideways(problem: Problem) -> str:
     base = problem.base
     if base is None:
         return ""
-    step, heading = base.goal[:2] - base.start[:2], 0.5 * (base.start[2] + base.goal[2])
-    ahead = float(step @ [np.cos(heading), np.sin(heading)])
-    across = float(step @ [-np.sin(heading), np.cos(heading)])
+    ahead, across = base.offset
     if abs(across) <= abs(ahead):
         return ""
     return (
