@@ -81,26 +81,29 @@ class Subproblem:
         self._backend = backends[0]
         self.inner = 0  # inner iterations of all programs so far
 
-    def solve(self, *, iterations: int, warm: QPSolution | None = None) -> Direction | None:
+    def solve(self, *, iterations: int, y: Array, z: Array) -> Direction | None:
         """Step; None if no backend finds one.
 
         Args:
             iterations: Inner iterations at most.
-            warm: Last solution, of the same rows.
+            y, z: Multipliers of the last step's program, shape (p,) and (m,).
         """
         lin, keep = self.lin, self.keep
+        x, z = np.zeros(len(lin.gradient)), z.copy()
         values = lin.at.inequalities
         missed = max(DUST, MISSED * lin.at.violation)
         for last in (False,) * (ROUNDS - 1) + (True,):
-            solution = self._ask(self._qp(keep), iterations, warm)
+            guess = QPSolution(x, y, z[keep], False, 0, "")
+            solution = self._ask(self._qp(keep), iterations, guess)
             if solution is None:
                 return None
+            x, y, z[keep] = solution.x, solution.y, solution.z
             predicted = lin.C @ solution.x + values
             over = (predicted > missed) & ~keep
             if not over.any():
                 break
             if not last:
-                keep, warm = keep | (predicted > -ADDED), None
+                keep = keep | (predicted > -ADDED)
         self.keep = keep
         return self._direction(solution, predicted, 0.0)
 
