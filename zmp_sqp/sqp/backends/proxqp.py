@@ -23,7 +23,7 @@ EPS_INFEASIBILITY = 1e-12
 MAX_ITER = 40  # outer iterations
 MAX_ITER_IN = 60  # inner iterations; uncapped, one QP ran for 290 s
 NO_BOUND = 1e20  # what ProxQP takes for infinity
-PIVOTS_WARM = 300  # from the rows of a guess, before ProxQP is asked
+PIVOTS_WARM = 300  # from the rows of a guess
 PIVOTS = 2000  # from those that ProxQP has found
 
 
@@ -87,12 +87,13 @@ class ProxQP:
         if not found.is_finite():
             return found
         active = found.z > qp.u - qp.C @ found.x
-        exact = exactly.solve(found.x, active, most_pivots=PIVOTS)
+        pivots = PIVOTS if found.solved else PIVOTS_WARM
+        exact = exactly.solve(found.x, active, most_pivots=pivots)
         if exact is not None:
             return replace(exact, iterations=found.iterations + exact.iterations, backend=self.name)
-        if exactly.is_infeasible or not exactly.is_ready:
-            return found if not exactly.is_ready else replace(found, solved=False)
-        return run.solve(EPS_ALONE)
+        if exactly.is_infeasible:
+            return replace(found, solved=False)
+        return run.solve(EPS_ALONE) if exactly.is_ready and found.solved else found
 
 
 class _Run:
