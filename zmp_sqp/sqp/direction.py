@@ -151,7 +151,8 @@ class Subproblem:
             self.inner += solution.iterations
             if solution.solved and solution.is_finite():
                 above = float((qp.C @ solution.x - qp.u).max(initial=0.0))
-                if above <= max(SOLVED, 10.0 * self._tolerance * max(1.0, np.abs(qp.u).max(initial=0.0))):
+                largest = max(1.0, float(np.abs(qp.u).max(initial=0.0)))
+                if above <= max(SOLVED, 10.0 * self._tolerance * largest):
                     self._backend = backend
                     return solution
         return None

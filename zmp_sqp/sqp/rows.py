@@ -29,7 +29,7 @@ class Pattern:
         """Sort the entries by column.
 
         Args:
-            rows, columns: Of the entries, in the order in which they will be given, shape (E,) each.
+            rows, columns: Of the entries, in the order that they will be given in, shape (E,).
             shape: Of the matrix.
             upper: Whether only the upper triangle is kept.
         """

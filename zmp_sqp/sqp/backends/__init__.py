@@ -51,7 +51,11 @@ def make_backend(name: str) -> QPBackend:
         from zmp_sqp.sqp.backends.proxqp import ProxQP
 
         return ProxQP()
-    if name in ("auto", "piqp"):
+    if name == "auto":
+        from zmp_sqp.sqp.backends.auto import Auto
+
+        return Auto()
+    if name == "piqp":
         from zmp_sqp.sqp.backends.piqp import PIQP
 
         return PIQP()

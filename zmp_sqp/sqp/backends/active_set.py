@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import daqp
 import numpy as np
 import numpy.typing as npt
@@ -16,10 +18,13 @@ Mask = npt.NDArray[np.bool_]
 
 TOLERANCE = 1e-9  # of rows, each divided by its norm in the metric of H
 DUAL_TOLERANCE_OF_DAQP = 1e-12
+CENTRES = 4  # of the proximal term, the solution about one being the next one
 DIGITS = 6  # decimals of the proximal centre: the noise of a guess is far below
 # of the largest gradient: variables whose curvature may be too small for the method's digits
 STEEP = 0.1
 PROXIMAL = 1e-4  # the curvature that they get, per unit gradient
+# curvature that a semi-definite Hessian gets in all variables, per largest one
+SHIFT, LEAST_CURVATURE = 1e-10, 1e-8
 LARGEST_WORK = 1e9  # entries looked at by all pivots: a second or so
 # the latter per unit gradient; beyond, it is no solution
 PRIMAL_TOLERANCE, DUAL_TOLERANCE = 1e-7, 1e-5
@@ -41,8 +46,11 @@ class ActiveSetMethod:
     neither solution nor multipliers, and gives curvature to variables that only equalities
     determine, such as a driving base's positions.
 
+    A Hessian that is only semi-definite gets such a term in all variables. What that leaves is
+    measured by the residuals of the program itself, which decide.
+
     Attributes:
-        is_ready: Whether H is positive definite; otherwise there is no solving.
+        is_ready: Whether H is positive semi-definite; otherwise there is no solving.
         is_infeasible: Whether the last attempt ended because no point satisfies the rows.
     """
 
@@ -50,21 +58,26 @@ class ActiveSetMethod:
         """Factorise the Hessian and transform the rows of a QP, as dense matrices."""
         H, A, C = qp.dense()
         self.qp, self._A = qp, A
-        self.is_infeasible = False
+        self.is_ready = self.is_infeasible = False
+        if not qp.is_finite():
+            return
         steepness, diagonal = np.abs(qp.g), H.diagonal()
         has_rows = len(A) + len(C) > 0
         steep = (steepness >= STEEP * steepness.max(initial=0.0)) & (
             diagonal < PROXIMAL * steepness
         )
         self._proximal = np.where(steep & has_rows, PROXIMAL * steepness, 0.0)
-        self.is_ready = True
-        try:
-            curvature = H + A.T @ A + np.diag(self._proximal)
-            self._root = sla.cholesky(curvature, lower=True, check_finite=False)
-        except np.linalg.LinAlgError:
-            self.is_ready = False
+        curvature = H + A.T @ A
+        largest = max(float(np.abs(diagonal).max(initial=0.0)), LEAST_CURVATURE)
+        for shift in (0.0, SHIFT * largest):
+            proximal = self._proximal + shift
+            try:
+                root = sla.cholesky(curvature + np.diag(proximal), lower=True, check_finite=False)
+            except np.linalg.LinAlgError:
+                continue
+            self.is_ready, self._proximal, self._root = True, proximal, root
+            self._rows = np.ascontiguousarray(self._from_left(np.vstack([C, A]).T).T)
             return
-        self._rows = np.ascontiguousarray(self._from_left(np.vstack([C, A]).T).T)
 
     def solve(self, x: Array, active: Mask, *, most_pivots: int) -> QPSolution | None:
         """Solution, or None where the method gives up.
@@ -83,7 +96,23 @@ class ActiveSetMethod:
         if not (self.is_ready and np.isfinite(x.sum())):
             return None
         qp = QP(self.qp.H, self.qp.g, self.qp.A, b, self.qp.C, u)
-        centre = np.round(x, DIGITS)
+        steepest, pivots = max(1.0, float(np.abs(qp.g).max(initial=0.0))), 0
+        for _ in range(CENTRES):
+            found = self._about(qp, np.round(x, DIGITS), active, most_pivots)
+            if found is None:
+                return None
+            pivots += found.iterations
+            primal, dual = found.residuals(qp)
+            if primal > PRIMAL_TOLERANCE:
+                return None
+            if dual <= DUAL_TOLERANCE * steepest:
+                return replace(found, iterations=pivots)
+            x, active = found.x, found.z > 0.0  # the proximal term's centre was too far away
+        return None
+
+    def _about(self, qp: QP, centre: Array, active: Mask, most_pivots: int) -> QPSolution | None:
+        """Solution of the program with the proximal term about a centre, or None."""
+        u, b = qp.u, qp.b
         nearest = self._from_left(qp.g - self._A.T @ b - self._proximal * centre)
         if len(self._rows) == 0:
             return QPSolution(-self._from_right(nearest), b, u, True, 0, "daqp")
@@ -111,11 +140,7 @@ class ActiveSetMethod:
         multipliers = np.array(info["lam"])
         y, z = multipliers[len(u) :], np.maximum(multipliers[: len(u)], 0.0)
         found = self._from_right(np.asarray(w) - nearest)
-        solution = QPSolution(found, y, z, True, int(info["iterations"]), "daqp")
-        primal, dual = solution.residuals(qp)
-        steepest = max(1.0, float(np.abs(qp.g).max(initial=0.0)))
-        good = primal <= PRIMAL_TOLERANCE and dual <= DUAL_TOLERANCE * steepest
-        return solution if good else None
+        return QPSolution(found, y, z, True, int(info["iterations"]), "daqp")
 
     def _from_left(self, right: Array) -> Array:
         """L^{-1} times a vector or matrix."""

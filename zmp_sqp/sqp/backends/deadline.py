@@ -51,8 +51,8 @@ class Punctual:
     def solve_again(self, u: Array, b: Array) -> QPSolution:
         """Solution by the backend of the last program with other right-hand sides."""
         if not self._has_time():
-            parts = (np.full(count, np.nan) for count in (self._size, len(b), len(u)))
-            return QPSolution(*parts, False, 0, self.name)
+            x, y, z = (np.full(count, np.nan) for count in (self._size, len(b), len(u)))
+            return QPSolution(x, y, z, False, 0, self.name)
         return self._backend.solve_again(u, b)
 
     def _has_time(self) -> bool:

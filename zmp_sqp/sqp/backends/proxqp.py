@@ -9,12 +9,17 @@ import numpy as np
 import proxsuite
 import scipy.sparse as sp
 
-from zmp_sqp.arrays import Array
+from zmp_sqp.arrays import Array, Indices
 from zmp_sqp.sqp.backends.active_set import ActiveSetMethod
 from zmp_sqp.sqp.qp import QP, QPSolution
 
 __all__ = ["ProxQP"]
 
+# variables and inequalities up to which dense matrices are faster; their factorisation takes memory
+# for the square of both
+SMALL, FEW = 60, 700
+# of more rows ProxQP sees those nearest to their bound, so many per variable and so many more
+NEAREST, NEAREST_MORE = 3, 500
 EPS_ACTIVE = 1e-4  # enough to tell which rows are active
 EPS_ALONE = 1e-8  # where the active-set method has no answer
 GAP = 100.0  # sum of complementarity products, per eps
@@ -52,24 +57,23 @@ class ProxQP:
         Args:
             qp, tolerance, iterations, warm: Arguments of `QPBackend.solve`.
         """
-        self._exactly, self._last = None, None
-        if not qp.is_finite():
+        self._last = None
+        self._exactly = exactly = ActiveSetMethod(qp)
+        if not exactly.is_ready:
             return QPSolution.nothing(qp, self.name)
-        self._exactly = ActiveSetMethod(qp)
-        self._last = self._solve(self._exactly, tolerance, warm)
+        self._last = self._solve(exactly, tolerance, warm)
         return self._last
 
     def solve_again(self, u: Array, b: Array) -> QPSolution:
         """Solution of the last program with other right-hand sides, from the last active rows."""
-        assert self._exactly is not None
-        assert self._last is not None
-        qp = replace(self._exactly.qp, u=u, b=b)
-        last = self._last
-        if not qp.is_finite():
+        exactly, last = self._exactly, self._last
+        assert exactly is not None
+        qp = replace(exactly.qp, u=u, b=b)
+        if last is None or not (qp.is_finite() and last.is_finite()):
             return QPSolution.nothing(qp, self.name)
-        exact = self._exactly.solve_with(u, b, last.x, last.z > 0.0, most_pivots=PIVOTS)
+        exact = exactly.solve_with(u, b, last.x, last.z > 0.0, most_pivots=PIVOTS)
         if exact is None:
-            return _Run(qp, last).solve(EPS_ALONE)
+            return _proxqp(qp, last, EPS_ALONE, np.arange(len(u)))
         return replace(exact, backend=self.name)
 
     def _solve(
@@ -82,62 +86,65 @@ class ProxQP:
                 return near
             if exactly.is_infeasible:  # ProxQP would run into both its caps
                 return QPSolution.nothing(qp, self.name)
-        run = _Run(qp, warm)
-        found = run.solve(EPS_ACTIVE if exactly.is_ready else EPS_ALONE)
+        found = _proxqp(qp, warm, EPS_ACTIVE, _nearest(qp))
         if not found.is_finite():
             return found
-        active = found.z > qp.u - qp.C @ found.x
+        active = found.z > np.maximum(qp.u - qp.C @ found.x, 0.0)
         pivots = PIVOTS if found.solved else PIVOTS_WARM
         exact = exactly.solve(found.x, active, most_pivots=pivots)
         if exact is not None:
             return replace(exact, iterations=found.iterations + exact.iterations, backend=self.name)
-        if exactly.is_infeasible:
+        if exactly.is_infeasible or not found.solved:
             return replace(found, solved=False)
-        return run.solve(EPS_ALONE) if exactly.is_ready and found.solved else found
+        return _proxqp(qp, found, EPS_ALONE, np.arange(len(qp.u)))
 
 
-class _Run:
-    """ProxQP on one program, from a guess or from cold."""
+def _nearest(qp: QP) -> Indices:
+    """The inequalities that ProxQP is asked about: of many, those nearest to their bounds."""
+    most = NEAREST * qp.size + NEAREST_MORE
+    return np.sort(np.argsort(qp.u, kind="stable")[:most])
 
-    def __init__(self, qp: QP, warm: QPSolution | None) -> None:
-        self.qp, self.iterations = qp, 0
-        sparse = proxsuite.proxqp.sparse
-        solver = sparse.QP(qp.size, len(qp.b), len(qp.u))
-        settings = solver.settings
-        settings.sparse_backend = proxsuite.proxqp.SparseBackend.SparseCholesky
-        settings.eps_rel = 0.0
-        settings.eps_primal_inf = settings.eps_dual_inf = EPS_INFEASIBILITY
-        settings.check_duality_gap = True  # without, z.(Cx - u) = 1e-4 counted as solved
-        settings.eps_duality_gap_rel = 0.0
-        settings.max_iter, settings.max_iter_in = MAX_ITER, MAX_ITER_IN
-        H = sp.csc_matrix(qp.H + sp.triu(qp.H, 1).T)
-        lower, upper = np.full(len(qp.u), -NO_BOUND), np.minimum(qp.u, NO_BOUND)
-        A, b = (None, None) if qp.A is None else (qp.A, qp.b)
-        solver.init(H, qp.g, A, b, qp.C, lower, upper, False)
-        self._solver: Any = solver
-        self._warm = warm
 
-    def solve(self, eps: float) -> QPSolution:
-        """Solution to a tolerance; a second call goes on from the result of the first."""
-        guess = proxsuite.proxqp.InitialGuess
-        settings = self._solver.settings
-        settings.eps_abs, settings.eps_duality_gap_abs = eps, GAP * eps
-        if self.iterations:
-            settings.initial_guess = guess.WARM_START_WITH_PREVIOUS_RESULT
-            self._solver.solve()
-        elif self._warm is not None:
-            settings.initial_guess = guess.WARM_START
-            self._solver.solve(self._warm.x, self._warm.y, self._warm.z)
-        else:
-            settings.initial_guess = guess.NO_INITIAL_GUESS
-            self._solver.solve()
-        results = self._solver.results
-        self.iterations += int(results.info.iter)
-        return QPSolution(
-            np.array(results.x),
-            np.array(results.y),
-            np.maximum(np.array(results.z), 0.0),
-            results.info.status == proxsuite.proxqp.QPSolverOutput.PROXQP_SOLVED,
-            self.iterations,
-            ProxQP.name,
-        )
+def _proxqp(qp: QP, warm: QPSolution | None, eps: float, rows: Indices) -> QPSolution:
+    """ProxQP's solution of a program with some of its inequalities, to a tolerance.
+
+    Args:
+        qp: The program.
+        warm: A guess, or None.
+        eps: Tolerance.
+        rows: Inequalities that take part; the others get no multipliers.
+    """
+    C, u = (qp.C, qp.u) if len(rows) == len(qp.u) else (qp.C[rows], qp.u[rows])
+    shape = qp.size, len(qp.b), len(u)
+    if qp.size <= SMALL and len(u) <= FEW:
+        dense = proxsuite.proxqp.dense
+        kind, backend = dense.HessianType.Dense, dense.DenseBackend.PrimalDualLDLT
+        solver = dense.QP(*shape, False, kind, backend)
+        H, A, C = replace(qp, C=C).dense()
+    else:
+        solver = proxsuite.proxqp.sparse.QP(*shape)
+        solver.settings.sparse_backend = proxsuite.proxqp.SparseBackend.SparseCholesky
+        H, A, C = sp.csc_matrix(qp.H + sp.triu(qp.H, 1).T), qp.A, sp.csc_matrix(C)
+    _set(solver.settings, eps, warm is not None)
+    A, b = (A, qp.b) if len(qp.b) else (None, None)
+    solver.init(H, qp.g, A, b, C, np.full(len(u), -NO_BOUND), np.minimum(u, NO_BOUND), False)
+    if warm is None:
+        solver.solve()
+    else:
+        solver.solve(warm.x, warm.y, warm.z[rows])
+    results = solver.results
+    z = np.zeros(len(qp.u))
+    z[rows] = np.maximum(np.array(results.z), 0.0)
+    solved = results.info.status == proxsuite.proxqp.QPSolverOutput.PROXQP_SOLVED
+    x, y = np.array(results.x), np.array(results.y)
+    return QPSolution(x, y, z, solved, int(results.info.iter), ProxQP.name)
+
+
+def _set(settings: Any, eps: float, is_warm: bool) -> None:
+    guess = proxsuite.proxqp.InitialGuess
+    settings.initial_guess = guess.WARM_START if is_warm else guess.NO_INITIAL_GUESS
+    settings.eps_abs, settings.eps_rel = eps, 0.0
+    settings.eps_primal_inf = settings.eps_dual_inf = EPS_INFEASIBILITY
+    settings.check_duality_gap = True  # without, z.(Cx - u) = 1e-4 counted as solved
+    settings.eps_duality_gap_abs, settings.eps_duality_gap_rel = GAP * eps, 0.0
+    settings.max_iter, settings.max_iter_in = MAX_ITER, MAX_ITER_IN
