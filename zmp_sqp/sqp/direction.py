@@ -22,7 +22,9 @@ ADDED = 0.05  # rows that a screened solution brings nearer to their bound than 
 MISSED = 0.2  # of the current violation: rows that a step misses by less wait for the next one
 SOLVED = 1e-6  # residual of rows in the program of a solution that is believed
 DUST = 1e-7  # of the largest: smaller multipliers are what an interior point leaves
-RELAXED_ITERATIONS = 100
+# a relaxed program's objective is the price times the violation: at a larger tolerance steps near
+# the least violation lower nothing, and are refused
+RELAXED_ITERATIONS, RELAXED_TOLERANCE = 100, 1e-7
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,18 +94,17 @@ class Subproblem:
         x, z = np.zeros(len(lin.gradient)), z.copy()
         values = lin.at.inequalities
         missed = max(DUST, MISSED * lin.at.violation)
-        for last in (False,) * (ROUNDS - 1) + (True,):
+        for rounds_left in reversed(range(ROUNDS)):
             guess = QPSolution(x, y, z[keep], False, 0, "")
-            solution = self._ask(self._qp(keep), iterations, guess)
+            solution = self._ask(self._qp(keep), self._tolerance, iterations, guess)
             if solution is None:
                 return None
             x, y, z[keep] = solution.x, solution.y, solution.z
             predicted = lin.C @ solution.x + values
             over = (predicted > missed) & ~keep
-            if not over.any():
+            if not over.any() or rounds_left == 0:
                 break
-            if not last:
-                keep = keep | (predicted > -ADDED)
+            keep = keep | (predicted > -ADDED)
         self.keep = keep
         return self._direction(solution, predicted, 0.0)
 
@@ -116,7 +117,8 @@ class Subproblem:
         """
         mask = np.arange(len(self.keep)) < nonlinear
         qp = self._qp(self.keep).relaxed(mask[self.keep], price)
-        solution = self._ask(qp, RELAXED_ITERATIONS, None)
+        tolerance = min(self._tolerance, RELAXED_TOLERANCE)
+        solution = self._ask(qp, tolerance, RELAXED_ITERATIONS, None)
         if solution is None:
             return None
         slack = max(float(solution.x[-1]), 0.0)
@@ -142,17 +144,17 @@ class Subproblem:
         C, u = lin.C.selected(keep), -lin.at.inequalities[keep]
         return QP(self.H, lin.gradient, lin.A, -lin.at.equalities, C, u)
 
-    def _ask(self, qp: QP, iterations: int, warm: QPSolution | None) -> QPSolution | None:
+    def _ask(
+        self, qp: QP, tolerance: float, iterations: int, warm: QPSolution | None
+    ) -> QPSolution | None:
         """First solution that a backend calls solved and that its rows confirm."""
         for backend in self._backends:
-            solution = backend.solve(
-                qp, tolerance=self._tolerance, iterations=iterations, warm=warm
-            )
+            solution = backend.solve(qp, tolerance=tolerance, iterations=iterations, warm=warm)
             self.inner += solution.iterations
             if solution.solved and solution.is_finite():
                 above = float((qp.C @ solution.x - qp.u).max(initial=0.0))
                 largest = max(1.0, float(np.abs(qp.u).max(initial=0.0)))
-                if above <= max(SOLVED, 10.0 * self._tolerance * largest):
+                if above <= max(SOLVED, 10.0 * tolerance * largest):
                     self._backend = backend
                     return solution
         return None

@@ -6,11 +6,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import scipy.sparse as sp
 
 from zmp_sqp.arrays import Array
 
 __all__ = ["QP", "QPSolution"]
+
+Mask = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,7 +52,8 @@ class QP:
         if self.A is not None:
             parts.append(self.A.data)
         # a sum is finite only if all entries are, and faster to look at
-        return all(bool(np.isfinite(part.sum())) for part in parts)
+        with np.errstate(invalid="ignore"):
+            return all(bool(np.isfinite(part.sum())) for part in parts)
 
     def dense(self) -> tuple[Array, Array, Array]:
         """H in full, A and C as arrays, for solvers of dense quadratic programs."""
@@ -58,7 +62,7 @@ class QP:
         A = np.zeros((0, self.size)) if self.A is None else self.A.toarray()
         return H, np.ascontiguousarray(A), np.ascontiguousarray(self.C.toarray())
 
-    def relaxed(self, nonlinear: Array, price: float) -> QP:
+    def relaxed(self, nonlinear: Mask, price: float) -> QP:
         """With one more variable t >= 0 that relaxes some rows at a price.
 
         Args:
@@ -101,12 +105,13 @@ class QPSolution:
     @classmethod
     def nothing(cls, qp: QP, backend: str, iterations: int = 0) -> QPSolution:
         """What a backend answers when it has nothing to offer: not finite."""
-        parts = (np.full(count, np.nan) for count in (qp.size, len(qp.b), len(qp.u)))
-        return cls(*parts, False, iterations, backend)
+        x, y, z = (np.full(count, np.nan) for count in (qp.size, len(qp.b), len(qp.u)))
+        return cls(x, y, z, False, iterations, backend)
 
     def is_finite(self) -> bool:
         """Whether all of it are numbers."""
-        return bool(np.isfinite(self.x.sum() + self.y.sum() + self.z.sum()))
+        with np.errstate(invalid="ignore"):
+            return bool(np.isfinite(self.x.sum() + self.y.sum() + self.z.sum()))
 
     def residuals(self, qp: QP) -> tuple[float, float]:
         r"""Primal and dual residuals, independent of what the backend reports.

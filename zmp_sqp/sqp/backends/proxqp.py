@@ -126,8 +126,8 @@ def _proxqp(qp: QP, warm: QPSolution | None, eps: float, rows: Indices) -> QPSol
         solver.settings.sparse_backend = proxsuite.proxqp.SparseBackend.SparseCholesky
         H, A, C = sp.csc_matrix(qp.H + sp.triu(qp.H, 1).T), qp.A, sp.csc_matrix(C)
     _set(solver.settings, eps, warm is not None)
-    A, b = (A, qp.b) if len(qp.b) else (None, None)
-    solver.init(H, qp.g, A, b, C, np.full(len(u), -NO_BOUND), np.minimum(u, NO_BOUND), False)
+    equalities = (A, qp.b) if len(qp.b) else (None, None)
+    solver.init(H, qp.g, *equalities, C, np.full(len(u), -NO_BOUND), np.minimum(u, NO_BOUND), False)
     if warm is None:
         solver.solve()
     else:
