@@ -192,7 +192,7 @@ class SQP:
         relaxed, direction = iterate.relaxation.active, None
         if not relaxed:
             inner = INNER if clipped < 1.0 else INNER_CONVEX
-            direction = subproblem.solve(iterations=inner)
+            direction = subproblem.solve(iterations=inner, y=iterate.y, z=iterate.z)
             if clipped < 1.0 and (
                 direction is None or self._decrease(program, iterate, direction) < -WRONG_WAY
             ):
@@ -228,7 +228,8 @@ class SQP:
         return iterate.number < first or iterate.violation > CLIPPED_ABOVE
 
     def _clipped(self, iterate: Iterate) -> float:
-        return 1.0 if self._is_early(iterate) else iterate.model.clipped
+        whole = self.backend.needs_convex or self._is_early(iterate)
+        return 1.0 if whole else iterate.model.clipped
 
     def _subproblem(
         self, program: NonlinearProgram, iterate: Iterate, clipped: float
