@@ -4,7 +4,7 @@
 
 Problem sets: the paper's first motion; hard problems of the arm whose plans are slower than their
 lower bound; drives on slopes; drives over heightmaps; and ordinary problems with uncertain payload
-and slope. Hard problems take their seeds from --first and --count, the other sets a quarter of that.
+and slope. Hard problems take their seeds from --first and --count, the others a quarter of that.
 Every plan is certified several times, and the least processor time counts. A margin is tight where
 it is little below the least of its samples, 1000 per second of motion and corner. The exit code is
 1 where a margin is above a sample.
