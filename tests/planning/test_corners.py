@@ -11,6 +11,7 @@ import pytest
 import zmp_sqp as zs
 from benchmarks.problems.paper import PAPER_GOAL, PAPER_START, paper_scene
 from benchmarks.problems.terrain import rolling_map, unicycle_base
+from benchmarks.robust_problems import uncertain
 from tests.planning.driving import retreat_problem
 from zmp_sqp.arrays import Array
 from zmp_sqp.mechanics.coordinates import Coordinates
@@ -196,3 +197,14 @@ def test_models_that_are_not_of_one_machine_are_all_evaluated() -> None:
     at = states(rows.size, positions=True)
     alone = [StageRows(mixed.at([i]), REFERENCE).evaluate(*at) for i in range(2)]
     check_equal(rows.evaluate(*at), np.hstack(alone))
+
+
+@pytest.mark.parametrize("seed", [5003, 5030])
+def test_what_a_box_misses_at_its_corners_is_kept_inside_before_anything_is_proven(
+    seed: int,
+) -> None:
+    asked = uncertain(seed)
+    assert asked is not None
+    plan = zs.plan(asked)
+    assert plan.success
+    assert not any(run.purpose == "tightened" for run in plan.runs)

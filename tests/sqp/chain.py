@@ -1,4 +1,4 @@
-"""A double integrator with a ceiling: a small staged program, with and without a basis."""
+"""A double integrator with a ceiling: a small staged program with equalities."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 
-from zmp_sqp.sqp.nlp import Basis, Evaluation, Linearization
+from zmp_sqp.sqp.nlp import Evaluation, Linearization
+from zmp_sqp.sqp.rows import Rows
 
 __all__ = ["Chain"]
 
@@ -15,29 +16,46 @@ Array = np.ndarray
 RATE_WEIGHT = 0.1
 CEILING = 0.6  # for p + BEND p^2 at the nodes; without it the optimum would be above
 BEND = 0.3
+BULGE = 0.02  # how far the ceiling hangs down between the nodes, where `excess` looks
+MOST = 40.0  # control
 
 
 @dataclass(frozen=True, eq=False)
 class Chain:
     """Least effort from rest at 0 to rest at 1/2, with v_0 = 3.
 
-    x = (p_0..p_N, v_0..v_N, u_0..u_{N-1}).
+    x = (p_0..p_N, v_0..v_N, u_0..u_{N-1}). The equalities are the first state, the gaps, and the
+    goal (the last two).
 
-    The equalities are the first state, the gaps, and the goal (the last two). With `condenses` the
-    linearisation has a null-space basis.
+    Attributes:
+        N: Number of intervals.
+        goal: p_N.
+        bulges: Whether the nonlinear rows exceed their values between the nodes.
     """
 
     N: int = 12
-    condenses: bool = True
     goal: float = 0.5
+    bulges: bool = False
 
     @property
     def size(self) -> int:
         return 3 * self.N + 2
 
     @property
-    def nonlinear_rows(self) -> np.ndarray:
-        return np.arange(3 * self.N + 1) < self.N + 1
+    def nonlinear(self) -> int:
+        return self.N + 1
+
+    @property
+    def inequalities(self) -> int:
+        return 3 * self.N + 1
+
+    @property
+    def equalities(self) -> int:
+        return 2 * self.N + 4
+
+    @property
+    def tolerance(self) -> Array:
+        return np.full(self.inequalities, 2e-7)
 
     def start(self, seed: int) -> Array:
         """A random point whose gaps are open."""
@@ -45,8 +63,8 @@ class Chain:
 
     def evaluate(self, x: Array) -> Evaluation:
         p, v, u = np.split(x, [self.N + 1, 2 * self.N + 2])
-        objective = 0.5 * float(u @ u + RATE_WEIGHT * v @ v) / self.N
-        inequalities = np.concatenate([p + BEND * p**2 - CEILING, u - 40.0, -u - 40.0])
+        objective = 1.0 + 0.5 * float(u @ u + RATE_WEIGHT * v @ v) / self.N
+        inequalities = np.concatenate([p + BEND * p**2 - CEILING, u - MOST, -u - MOST])
         return Evaluation(objective, 0.0, self._A @ x - self._b, inequalities)
 
     def linearize(self, x: Array) -> Linearization:
@@ -56,30 +74,34 @@ class Chain:
             [sp.diags_array(1.0 + 2.0 * BEND * p), sp.csr_array((self.N + 1, 2 * self.N + 1))]
         )
         bounds = sp.hstack([sp.csr_array((self.N, 2 * self.N + 2)), sp.eye_array(self.N)])
-        C = sp.csr_array(sp.vstack([ceiling, bounds, -bounds]))
-        at = self.evaluate(x)
-        return Linearization(
-            at,
-            gradient,
-            np.zeros(self.size),
-            self._A,
-            C,
-            self._basis(at) if self.condenses else None,
-        )
+        C = sp.csc_matrix(sp.vstack([ceiling, bounds, -bounds]))
+        return Linearization(self.evaluate(x), gradient, self._A, Rows(C), memory=None)
 
-    def hessian(self, x: Array, y: Array, z: Array, *, convex: bool) -> sp.csr_array:
+    def hessian(
+        self, lin: Linearization, y: Array, z: Array, *, clipped: float, damping: float
+    ) -> sp.csc_matrix:
         p = 2.0 * BEND * z[: self.N + 1]
-        return sp.csr_array(
-            sp.diags_array(
-                np.concatenate([p, np.r_[[RATE_WEIGHT] * (self.N + 1), [1.0] * self.N] / self.N])
-            )
-        )
+        effort = np.r_[[RATE_WEIGHT] * (self.N + 1), [1.0] * self.N] / self.N
+        return sp.csc_matrix(sp.diags_array(np.concatenate([p, effort]) + damping))
+
+    def metric(self) -> sp.csc_matrix:
+        """All variables but the last count: that one is taken for the objective."""
+        return sp.csc_matrix(sp.eye_array(self.size))
+
+    def moved(self, lin: Linearization, x: Array, step: Array) -> Array:
+        return x + step
+
+    def decisive(self, x: Array, *, early: bool) -> np.ndarray:
+        return np.zeros(self.inequalities, dtype=bool)
+
+    def excess(self, x: Array, lin: Linearization, *, fine: bool) -> Array | None:
+        return np.full(self.nonlinear, BULGE) if self.bulges else None
 
     def optimality_gap(self, x: Array) -> float:
         return np.inf
 
     @property
-    def _A(self) -> sp.csr_array:
+    def _A(self) -> sp.csc_matrix:
         N, h = self.N, 1.0 / self.N
         ahead, here = sp.eye_array(N, N + 1, k=1), sp.eye_array(N, N + 1)
         first, last = (sp.csr_array(([1.0], ([0], [k])), shape=(1, N + 1)) for k in (0, N))
@@ -89,17 +111,8 @@ class Chain:
             [ahead - here, -h * here, -0.5 * h**2 * sp.eye_array(N)],
         ]
         rows += [[None, ahead - here, -h * sp.eye_array(N)], [last, None, None], [None, last, None]]
-        return sp.csr_array(sp.block_array(rows))
+        return sp.csc_matrix(sp.block_array(rows))
 
     @property
     def _b(self) -> Array:
         return np.concatenate([[0.0, 3.0], np.zeros(2 * self.N), [self.goal, 0.0]])
-
-    def _basis(self, at: Evaluation) -> Basis:
-        states, kept = 2 * self.N + 2, 2 * self.N + 2
-        A = self._A.toarray()[:kept]
-        Z = np.vstack([-np.linalg.solve(A[:, :states], A[:, states:]), np.eye(self.N)])
-        d = np.concatenate(
-            [-np.linalg.solve(A[:, :states], at.equalities[:kept]), np.zeros(self.N)]
-        )
-        return Basis(Z, d, np.arange(states, self.size), kept)

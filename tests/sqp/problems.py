@@ -16,12 +16,14 @@ import numpy as np
 import scipy.sparse as sp
 
 from zmp_sqp.sqp.nlp import Evaluation, Linearization
+from zmp_sqp.sqp.rows import Rows
 
 __all__ = ["HOCK_SCHITTKOWSKI", "MARATOS", "Textbook", "named"]
 
 Array = np.ndarray
 Function = Callable[[Array], Any]
 COMPLEX_STEP = 1e-30  # no difference is taken, so no digit is lost
+TOLERANCE = 2e-7  # of inequalities at a solution
 CENTRAL_STEP = 1e-5  # of exact gradients: error about 1e-10
 
 
@@ -34,9 +36,9 @@ class Textbook:
         start: The book's starting point.
         optimum: The book's f(x*).
         objective: f.
-        equalities: c_E, a list of values; all are treated as nonlinear.
-        inequalities: Nonlinear c_I, a list of values, feasible where <= 0.
-        linear: Linear c_I, a list of values, feasible where <= 0.
+        c_E: Equalities, a list of values.
+        c_I: Nonlinear inequalities, a list of values, feasible where <= 0.
+        linear: Linear inequalities, a list of values, feasible where <= 0.
         lower, upper: Bounds of the variables, infinite where there are none.
         evaluations: Every point that was evaluated.
     """
@@ -45,8 +47,8 @@ class Textbook:
     start: Sequence[float]
     optimum: float
     objective: Function
-    equalities: Function = lambda x: []
-    inequalities: Function = lambda x: []
+    c_E: Function = lambda x: []
+    c_I: Function = lambda x: []
     linear: Function = lambda x: []
     lower: float | Sequence[float] = -np.inf
     upper: float | Sequence[float] = np.inf
@@ -57,46 +59,66 @@ class Textbook:
         return np.array(self.start, dtype=float)
 
     @property
-    def nonlinear_rows(self) -> np.ndarray:
-        return np.arange(len(self._inequalities(self.x0))) < len(self.inequalities(self.x0))
+    def size(self) -> int:
+        return len(self.start)
+
+    @property
+    def nonlinear(self) -> int:
+        return len(self.c_I(self.x0))
+
+    @property
+    def inequalities(self) -> int:
+        return len(self._inequalities(self.x0))
+
+    @property
+    def equalities(self) -> int:
+        return len(self.c_E(self.x0))
+
+    @property
+    def tolerance(self) -> Array:
+        return np.full(self.inequalities, TOLERANCE)
 
     def evaluate(self, x: Array) -> Evaluation:
         self.evaluations.append(np.array(x))
         with np.errstate(all="ignore"):
             return Evaluation(
-                float(self.objective(x)),
-                0.0,
-                _vector(self.equalities(x)).real,
-                self._inequalities(x).real,
+                float(self.objective(x)), 0.0, _vector(self.c_E(x)).real, self._inequalities(x).real
             )
 
     def linearize(self, x: Array) -> Linearization:
-        gradient, A, C = (
-            self._jacobian(part, x)
-            for part in (self._objective, self._equalities, self._inequalities)
-        )
-        return Linearization(
-            self.evaluate(x),
-            gradient[0],
-            np.zeros(len(x)),
-            sp.csr_array(A),
-            sp.csr_array(C),
-            basis=None,
-        )
+        parts = (self._objective, self._equalities, self._inequalities)
+        gradient, A, C = (self._jacobian(part, x) for part in parts)
+        A = sp.csc_matrix(A) if len(A) else None
+        return Linearization(self.evaluate(x), gradient[0], A, Rows(sp.csc_matrix(C)), memory=x)
 
-    def hessian(self, x: Array, y: Array, z: Array, *, convex: bool) -> sp.csr_array:
+    def hessian(
+        self, lin: Linearization, y: Array, z: Array, *, clipped: float, damping: float
+    ) -> sp.csc_matrix:
         def gradient(x: Array) -> Array:
             parts = (self._objective, self._equalities, self._inequalities)
             f, A, C = (self._jacobian(part, x) for part in parts)
             return f[0] + y @ A + z @ C
 
-        steps = CENTRAL_STEP * np.eye(len(x))
+        x, steps = lin.memory, CENTRAL_STEP * np.eye(self.size)
         H = np.array([(gradient(x + d) - gradient(x - d)) / (2.0 * CENTRAL_STEP) for d in steps])
         H = 0.5 * (H + H.T)
-        if convex and np.isfinite(H).all():
+        if np.isfinite(H).all():
             values, vectors = np.linalg.eigh(H)
-            H = (vectors * np.maximum(values, 0.0)) @ vectors.T
-        return sp.csr_array(H)
+            kept = np.where(values > 0.0, values, (1.0 - clipped) * values)
+            H = (vectors * kept) @ vectors.T
+        return sp.csc_matrix(np.triu(H + damping * np.eye(self.size)))
+
+    def moved(self, lin: Linearization, x: Array, step: Array) -> Array:
+        return x + step
+
+    def decisive(self, x: Array, *, early: bool) -> np.ndarray:
+        return np.zeros(self.inequalities, dtype=bool)
+
+    def excess(self, x: Array, lin: Linearization, *, fine: bool) -> None:
+        return None
+
+    def metric(self) -> sp.csc_matrix:
+        return sp.csc_matrix(np.eye(self.size))
 
     def optimality_gap(self, x: Array) -> float:
         return np.inf
@@ -105,13 +127,13 @@ class Textbook:
         return _vector([self.objective(x)])
 
     def _equalities(self, x: Array) -> Array:
-        return _vector(self.equalities(x))
+        return _vector(self.c_E(x))
 
     def _inequalities(self, x: Array) -> Array:
         lower, upper = np.broadcast_to(self.lower, len(x)), np.broadcast_to(self.upper, len(x))
         has_lower, has_upper = np.isfinite(lower), np.isfinite(upper)
         bounds = [lower[has_lower] - x[has_lower], x[has_upper] - upper[has_upper]]
-        return np.concatenate([_vector(self.inequalities(x)), _vector(self.linear(x)), *bounds])
+        return np.concatenate([_vector(self.c_I(x)), _vector(self.linear(x)), *bounds])
 
     def _jacobian(self, function: Function, x: Array) -> Array:
         with np.errstate(all="ignore"):
@@ -201,14 +223,14 @@ HOCK_SCHITTKOWSKI = (
         (-1.2, 1.0),
         0.0,
         lambda x: (1.0 - x[0]) ** 2,
-        equalities=lambda x: [10.0 * (x[1] - x[0] ** 2)],
+        c_E=lambda x: [10.0 * (x[1] - x[0] ** 2)],
     ),
     Textbook(
         "HS7",
         (2.0, 2.0),
         -np.sqrt(3.0),
         lambda x: np.log(1.0 + x[0] ** 2) - x[1],
-        equalities=lambda x: [(1.0 + x[0] ** 2) ** 2 + x[1] ** 2 - 4.0],
+        c_E=lambda x: [(1.0 + x[0] ** 2) ** 2 + x[1] ** 2 - 4.0],
     ),
     Textbook(
         "HS21",
@@ -224,7 +246,7 @@ HOCK_SCHITTKOWSKI = (
         (-2.6, 2.0, 2.0),
         0.0,
         lambda x: (x[0] - x[1]) ** 2 + (x[1] - x[2]) ** 4,
-        equalities=lambda x: [(1.0 + x[1] ** 2) * x[0] + x[2] ** 4 - 3.0],
+        c_E=lambda x: [(1.0 + x[1] ** 2) * x[0] + x[2] ** 4 - 3.0],
     ),
     Textbook(
         "HS35",
@@ -239,7 +261,7 @@ HOCK_SCHITTKOWSKI = (
         (2.0, 2.0, 2.0, 2.0),
         -1.0,
         lambda x: -x[0],
-        equalities=lambda x: [x[1] - x[0] ** 3 - x[2] ** 2, x[0] ** 2 - x[1] - x[3] ** 2],
+        c_E=lambda x: [x[1] - x[0] ** 3 - x[2] ** 2, x[0] ** 2 - x[1] - x[3] ** 2],
     ),
     Textbook(
         "HS43",
@@ -254,15 +276,15 @@ HOCK_SCHITTKOWSKI = (
             - 21.0 * x[2]
             + 7.0 * x[3]
         ),
-        inequalities=_hs43_rows,
+        c_I=_hs43_rows,
     ),
     Textbook(
         "HS71",
         (1.0, 5.0, 5.0, 1.0),
         17.0140173,
         lambda x: x[0] * x[3] * (x[0] + x[1] + x[2]) + x[2],
-        equalities=lambda x: [np.sum(x**2) - 40.0],
-        inequalities=lambda x: [25.0 - np.prod(x)],
+        c_E=lambda x: [np.sum(x**2) - 40.0],
+        c_I=lambda x: [25.0 - np.prod(x)],
         lower=1.0,
         upper=5.0,
     ),
@@ -283,14 +305,14 @@ HOCK_SCHITTKOWSKI = (
         (1.0, 2.0, 0.0, 4.0, 0.0, 1.0, 1.0),
         680.6300573,
         _hs100_objective,
-        inequalities=_hs100_rows,
+        c_I=_hs100_rows,
     ),
     Textbook(
         "HS104",
         (6.0, 3.0, 0.4, 0.2, 6.0, 6.0, 1.0, 0.5),
         3.9511634396,
         _hs104_objective,
-        inequalities=_hs104_rows,
+        c_I=_hs104_rows,
         lower=0.1,
         upper=10.0,
     ),
@@ -304,7 +326,7 @@ MARATOS = Textbook(
     (np.cos(0.8), np.sin(0.8)),
     -1.0,
     lambda x: 2.0 * (x[0] ** 2 + x[1] ** 2 - 1.0) - x[0],
-    equalities=lambda x: [x[0] ** 2 + x[1] ** 2 - 1.0],
+    c_E=lambda x: [x[0] ** 2 + x[1] ** 2 - 1.0],
 )
 
 

@@ -3,51 +3,56 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
 
-from tests.sqp.problems import MARATOS, Textbook, named
+from tests.sqp.problems import MARATOS, TOLERANCE, Textbook, named
 from zmp_sqp.arrays import Array
 from zmp_sqp.sqp.backends import make_backend
-from zmp_sqp.sqp.nlp import Evaluation
+from zmp_sqp.sqp.nlp import Evaluation, Linearization
 from zmp_sqp.sqp.result import SQPResult
+from zmp_sqp.sqp.rows import Rows
 from zmp_sqp.sqp.solver import SQP, SQPSettings
 
-OBJECTIVE_TOLERANCE = 1e-6  # above the SQP's own 2e-7
-FEW = 20  # iterations within which an infeasible program is given up
+OBJECTIVE_TOLERANCE = 1e-6
+FEW = 25  # iterations within which an infeasible program is given up
+BACKENDS = ("auto", "proxqp", "piqp", "qpsolvers:clarabel")
 
 # x^2 >= 4 from x = 0.1 with x <= 3: the linearised row asks for x >= 20.
 INCONSISTENT = Textbook(
-    "inconsistent", (0.1,), 2.0, lambda x: x[0], inequalities=lambda x: [4.0 - x[0] ** 2], upper=3.0
+    "inconsistent", (0.1,), 2.0, lambda x: x[0], c_I=lambda x: [4.0 - x[0] ** 2], upper=3.0
 )
 # Two discs four apart with radius one: the violation is least between them.
 DISCS = Textbook(
     "discs",
     (1.5, 2.0),
     np.inf,
-    lambda x: x[1],
-    inequalities=lambda x: [
+    lambda x: 1.0 + x[1] ** 2,
+    c_I=lambda x: [
         (x[0] + 2.0) ** 2 + x[1] ** 2 - 1.0,
         (x[0] - 2.0) ** 2 + x[1] ** 2 - 1.0,
     ],
 )
 NO_ROOT = Textbook(
-    "no root", (2.0,), np.inf, lambda x: x[0], inequalities=lambda x: [x[0] ** 2 + 1.0]
+    "no root", (2.0,), np.inf, lambda x: 1.0 + x[0] ** 2, c_I=lambda x: [x[0] ** 2 + 1.0]
 )
 
 
-def solve(problem: Textbook, **settings: float) -> SQPResult:
-    return SQP(make_backend("proxqp"), make_backend("piqp"), SQPSettings(**settings)).minimize(
+def solve(problem: Textbook, backend: str = "piqp", **settings: Any) -> SQPResult:
+    settings = {"converged": 1e-9, **settings}
+    return SQP(make_backend(backend), settings=SQPSettings(**settings)).minimize(
         problem, problem.x0
     )
 
 
-def test_the_maratos_effect_is_undone_by_a_second_order_correction() -> None:
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_the_maratos_effect_is_undone_by_a_second_order_correction(backend: str) -> None:
     """The full step near the minimum raises objective and violation: only corrected it passes."""
     theta = 0.1
     start = replace(MARATOS, start=(np.cos(theta), np.sin(theta)))
-    result = solve(start)
+    result = solve(start, backend)
     assert result.status.name == "OPTIMAL"
     assert result.at.objective == pytest.approx(MARATOS.optimum, abs=OBJECTIVE_TOLERANCE)
     corrected = [record for record in result.history if record.corrected]
@@ -63,8 +68,9 @@ def test_the_maratos_example_is_solved_from_anywhere_on_the_circle(theta: float)
     assert len(result.history) <= 15
 
 
-def test_inconsistent_linearised_constraints_are_relaxed_and_then_met() -> None:
-    result = solve(INCONSISTENT)
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_inconsistent_linearised_constraints_are_relaxed_and_then_met(backend: str) -> None:
+    result = solve(INCONSISTENT, backend)
     assert result.history[0].relaxed
     assert not result.history[-1].relaxed
     assert result.status.name == "OPTIMAL"
@@ -72,41 +78,34 @@ def test_inconsistent_linearised_constraints_are_relaxed_and_then_met() -> None:
 
 
 @pytest.mark.parametrize("problem", [DISCS, NO_ROOT], ids=lambda problem: problem.name)
-@pytest.mark.parametrize("backend", ["proxqp", "piqp", "qpsolvers:clarabel"])
+@pytest.mark.parametrize("backend", BACKENDS)
 def test_an_infeasible_program_is_called_infeasible_at_the_least_violation(
     problem: Textbook, backend: str
 ) -> None:
-    result = SQP(make_backend(backend)).minimize(problem, problem.x0)
+    result = solve(problem, backend)
     assert result.status.name == "INFEASIBLE"
     assert not result.status.is_feasible
     assert len(result.history) <= FEW
     least = {"discs": 3.0, "no root": 1.0}[problem.name]
-    assert result.at.violation == pytest.approx(least, rel=1e-3)  # the violation is flat there
+    assert result.at.violation == pytest.approx(least, rel=1e-2)  # the violation is flat there
 
 
 @dataclass(frozen=True, eq=False)
 class Broken:
-    """A program that cannot be evaluated beyond a wall."""
+    """Another program that cannot be evaluated beyond a wall."""
 
     inner: Textbook
     wall: float
 
-    @property
-    def nonlinear_rows(self) -> np.ndarray:
-        return self.inner.nonlinear_rows
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.inner, name)
 
     def evaluate(self, x: Array) -> Evaluation:
         return self._spoiled(self.inner.evaluate(x), x)
 
-    def linearize(self, x: Array):  # type: ignore[no-untyped-def]
+    def linearize(self, x: Array) -> Linearization:
         lin = self.inner.linearize(x)
         return replace(lin, at=self._spoiled(lin.at, x))
-
-    def hessian(self, x: Array, y: Array, z: Array, *, convex: bool):  # type: ignore[no-untyped-def]
-        return self.inner.hessian(x, y, z, convex=convex)
-
-    def optimality_gap(self, x: Array) -> float:
-        return np.inf
 
     def _spoiled(self, at: Evaluation, x: Array) -> Evaluation:
         return replace(at, objective=np.nan) if x[0] > self.wall else at
@@ -118,63 +117,75 @@ def test_a_trial_point_that_cannot_be_evaluated_only_shortens_the_step() -> None
     bowl = replace(
         problem,
         objective=lambda x: (x[0] - 1.3) ** 4 + (x[1] - 0.5) ** 2 + (x[2] - 0.1) ** 2 - 3.0 * x[0],
+        evaluations=[],
     )
-    unspoiled = SQP(make_backend("proxqp")).minimize(bowl, bowl.x0)
+    unspoiled = solve(bowl)
+    assert unspoiled.status.name == "OPTIMAL"
     assert max(x[0] for x in bowl.evaluations) > wall
-    result = SQP(make_backend("proxqp"), settings=SQPSettings(max_iterations=30)).minimize(
+    result = SQP(make_backend("piqp"), settings=SQPSettings(max_iterations=30)).minimize(
         Broken(bowl, wall), bowl.x0
     )
-    assert unspoiled.status.name == "OPTIMAL"
     assert np.isfinite(result.at.objective)
-    assert result.x[0] <= wall
+    assert result.point[0] <= wall
     assert min(record.step for record in result.history) < 1.0
     assert result.status.is_feasible
 
 
 def test_a_start_that_cannot_be_evaluated_is_refused_at_once() -> None:
     problem = named("HS35")
-    result = SQP(make_backend("proxqp")).minimize(Broken(problem, -1.0), problem.x0)
+    result = SQP(make_backend("piqp")).minimize(Broken(problem, -1.0), problem.x0)
     assert result.status.name == "NOT_FINITE"
     assert not result.status.is_feasible
     assert result.history == ()
-    assert np.array_equal(result.x, problem.x0)
+    assert np.array_equal(result.point, problem.x0)
 
 
+@pytest.mark.parametrize("backend", ["proxqp", "piqp"])
 @pytest.mark.parametrize("part", ["gradient", "A", "C", "hessian"])
-def test_derivatives_that_are_not_finite_end_the_run_without_an_exception(part: str) -> None:
+def test_derivatives_that_are_not_finite_end_the_run_without_an_exception(
+    part: str, backend: str
+) -> None:
     problem = named("HS71")
 
     class Spoiled(Broken):
-        def linearize(self, x: Array):  # type: ignore[no-untyped-def]
+        def linearize(self, x: Array) -> Linearization:
             lin = self.inner.linearize(x)
-            return lin if part == "hessian" else replace(lin, **{part: getattr(lin, part) * np.nan})
+            spoiled = {
+                "gradient": lin.gradient * np.nan,
+                "A": lin.A * np.nan,
+                "C": Rows(lin.C.matrix * np.nan),
+            }
+            return lin if part == "hessian" else replace(lin, **{part: spoiled[part]})
 
-        def hessian(self, x: Array, y: Array, z: Array, *, convex: bool):  # type: ignore[no-untyped-def]
-            H = self.inner.hessian(x, y, z, convex=convex)
+        def hessian(self, lin: Linearization, y: Array, z: Array, **options: float) -> Any:
+            H = self.inner.hessian(lin, y, z, **options)
             return H * np.nan if part == "hessian" else H
 
-    result = SQP(make_backend("proxqp"), make_backend("piqp")).minimize(
-        Spoiled(problem, np.inf), problem.x0
-    )
+    result = SQP(make_backend(backend)).minimize(Spoiled(problem, np.inf), problem.x0)
     assert result.status.name == "QP_FAILED"
-    assert np.array_equal(result.x, problem.x0)
+    assert np.array_equal(result.point, problem.x0)
 
 
-def test_a_hessian_that_is_not_finite_only_where_curvature_counts_costs_curvature() -> None:
-    problem = named("HS43")
-
-    class Spoiled(Broken):
-        def hessian(self, x: Array, y: Array, z: Array, *, convex: bool):  # type: ignore[no-untyped-def]
-            H = self.inner.hessian(x, y, z, convex=convex)
-            return H * np.nan if z.any() else H
-
-    result = SQP(make_backend("proxqp")).minimize(Spoiled(problem, np.inf), problem.x0)
-    assert result.at.objective == pytest.approx(problem.optimum, abs=1e-4)
-    assert not any(record.curvature for record in result.history)
+@pytest.mark.parametrize("backend", ["proxqp", "piqp", "qpsolvers:daqp"])
+def test_a_linear_objective_without_curvature_is_no_obstacle(backend: str) -> None:
+    """HS39's first QP is unbounded but for damping."""
+    result = solve(named("HS39"), backend)
+    assert result.status.name == "OPTIMAL"
+    assert result.at.violation <= TOLERANCE
 
 
-def test_a_linear_objective_without_curvature_is_no_obstacle() -> None:
-    """HS39's first QP is unbounded but for the floor on its Hessian; damping helps."""
-    for backend in ("proxqp", "piqp", "qpsolvers:daqp"):
-        result = SQP(make_backend(backend)).minimize(named("HS39"), named("HS39").x0)
-        assert result.status.name == "OPTIMAL"
+def test_a_backend_that_needs_convexity_never_sees_negative_curvature() -> None:
+    """HS71's Lagrangian is curved the wrong way; PIQP is given some of that, ProxQP none."""
+    problem, seen = named("HS71"), []
+
+    class Watched(Broken):
+        def hessian(self, lin: Linearization, y: Array, z: Array, **options: float) -> Any:
+            seen.append(options["clipped"])
+            return self.inner.hessian(lin, y, z, **options)
+
+    watched = Watched(problem, np.inf)
+    SQP(make_backend("piqp"), settings=SQPSettings(resumed=True)).minimize(watched, problem.x0)
+    assert min(seen) < 1.0
+    seen.clear()
+    SQP(make_backend("proxqp"), settings=SQPSettings(resumed=True)).minimize(watched, problem.x0)
+    assert set(seen) == {1.0}

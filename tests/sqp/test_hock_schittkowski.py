@@ -6,25 +6,25 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from tests.sqp.problems import HOCK_SCHITTKOWSKI, Textbook
+from tests.sqp.problems import HOCK_SCHITTKOWSKI, TOLERANCE, Textbook
 from zmp_sqp.sqp.backends import make_backend
 from zmp_sqp.sqp.solver import SQP, SQPSettings
 
-# Settings stop at a predicted decrease of 2e-7 and a violation of 2e-7; HS76 and HS100 have
-# multipliers of order one.
-OBJECTIVE_TOLERANCE = 1e-6  # relative, of max(1, |f*|)
+# These programs' objectives are no squared durations: run to the end, not to a practical stop.
+TO_THE_END = SQPSettings(converged=1e-9)
+OBJECTIVE_TOLERANCE = 1e-6  # relative, of max(1, |f*|): the predicted decrease that ends a run
 # the book's codes need 10 to 60; HS26 is flat to fourth order and converges linearly
 MOST_ITERATIONS = 25
 
-BACKENDS = ("proxqp", "piqp", "qpsolvers:clarabel", "qpsolvers:daqp")
+BACKENDS = ("auto", "proxqp", "piqp", "qpsolvers:clarabel", "qpsolvers:daqp")
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
 @pytest.mark.parametrize("problem", HOCK_SCHITTKOWSKI, ids=lambda problem: problem.name)
 def test_the_published_optimum_is_found(problem: Textbook, backend: str) -> None:
-    result = SQP(make_backend(backend)).minimize(problem, problem.x0)
+    result = SQP(make_backend(backend), settings=TO_THE_END).minimize(problem, problem.x0)
     assert result.status.name == "OPTIMAL"
-    assert result.at.violation <= SQPSettings().feasibility
+    assert result.at.violation <= TOLERANCE
     assert result.at.objective == pytest.approx(
         problem.optimum, rel=OBJECTIVE_TOLERANCE, abs=OBJECTIVE_TOLERANCE
     )
@@ -32,13 +32,25 @@ def test_the_published_optimum_is_found(problem: Textbook, backend: str) -> None
 
 
 @pytest.mark.parametrize("problem", HOCK_SCHITTKOWSKI, ids=lambda problem: problem.name)
-def test_the_multipliers_satisfy_the_first_order_conditions(problem: Textbook) -> None:
-    result = SQP(make_backend("proxqp")).minimize(problem, problem.x0)
-    lin = problem.linearize(result.x)
-    lagrangian = lin.gradient + lin.A.T @ result.y + lin.C.T @ result.z
+def test_the_practical_stop_costs_a_ten_thousandth_at_most(problem: Textbook) -> None:
+    result = SQP(make_backend("piqp")).minimize(problem, problem.x0)
+    assert result.status.name == "OPTIMAL"
+    assert result.at.objective == pytest.approx(problem.optimum, rel=2e-4, abs=2e-4)
+
+
+@pytest.mark.parametrize("backend", ["proxqp", "piqp"])
+@pytest.mark.parametrize("problem", HOCK_SCHITTKOWSKI, ids=lambda problem: problem.name)
+def test_the_multipliers_satisfy_the_first_order_conditions(
+    problem: Textbook, backend: str
+) -> None:
+    result = SQP(make_backend(backend), settings=TO_THE_END).minimize(problem, problem.x0)
+    lin = problem.linearize(result.point)
+    lagrangian = lin.gradient + lin.C.matrix.T @ result.z
+    if lin.A is not None:
+        lagrangian = lagrangian + lin.A.T @ result.y
     # Where the run stops for want of predicted decrease, a gradient of the root of that decrease
     # may be left.
-    assert np.abs(lagrangian).max() <= 2e-3 * max(1.0, float(np.abs(lin.gradient).max()))
+    assert np.abs(lagrangian).max() <= 5e-3 * max(1.0, float(np.abs(lin.gradient).max()))
     assert result.z.min(initial=0.0) >= 0.0
     assert np.abs(result.z * lin.at.inequalities).max(initial=0.0) <= 1e-4
 
@@ -52,25 +64,22 @@ def test_a_far_start_ends_at_a_feasible_point_or_where_the_violation_is_stationa
         start = np.clip(
             problem.x0 + rng.uniform(-2.0, 2.0, len(problem.x0)), problem.lower, problem.upper
         )
-        # HS104 crawls for 140 to where its violation is stationary
         settings = SQPSettings(max_iterations=300)
-        result = SQP(make_backend("proxqp"), make_backend("piqp"), settings).minimize(
-            problem, start
-        )
+        result = SQP(make_backend("piqp"), settings=settings).minimize(problem, start)
         if result.status.name == "INFEASIBLE":
-            assert decrease_of_violation(problem, result.x, radius=0.01) <= 1e-3 * 0.01
+            assert decrease_of_violation(problem, result.point, radius=0.01) <= 1e-3 * 0.01
         else:
             assert result.status.is_feasible, result.status
-            assert result.at.violation <= SQPSettings().feasibility
+            assert result.at.violation <= TOLERANCE
 
 
 def decrease_of_violation(problem: Textbook, x: np.ndarray, *, radius: float) -> float:
     """How far a step in the box can lower the largest linearised inequality, by an LP."""
     lin = problem.linearize(x)
-    relaxed = -problem.nonlinear_rows.astype(float)[:, None]
+    relaxed = -(np.arange(problem.inequalities) < problem.nonlinear).astype(float)[:, None]
     found = linprog(
         np.r_[np.zeros(len(x)), 1.0],
-        A_ub=np.hstack([lin.C.toarray(), relaxed]),
+        A_ub=np.hstack([lin.C.matrix.toarray(), relaxed]),
         b_ub=-lin.at.inequalities,
         bounds=[(-radius, radius)] * len(x) + [(0.0, None)],
     )

@@ -12,16 +12,15 @@ from zmp_sqp.sqp.qp import QP, QPSolution
 
 ROUNDING = 1e-14
 
-# min (x - 3)^2 / 2 + (y - 1)^2 / 2, x + y = 2, x <= 1.5, -1 <= y: the minimiser is (1.5, 0.5).
+# min (x - 3)^2 / 2 + (y - 1)^2 / 2, x + y = 2, x <= 1.5, -y <= 1: the minimiser is (1.5, 0.5).
 # Stationarity: x - 3 + mu + z0 = 0 and y - 1 + mu = 0, so mu = 1/2 and z0 = 1.
 PROGRAM = QP(
-    H=np.eye(2),
+    H=sp.csc_matrix(np.eye(2)),
     g=np.array([-3.0, -1.0]),
-    A=np.ones((1, 2)),
+    A=sp.csc_matrix(np.ones((1, 2))),
     b=np.array([2.0]),
-    C=np.eye(2),
-    l=np.array([-np.inf, -1.0]),
-    u=np.array([1.5, np.inf]),
+    C=sp.csc_matrix(np.diag([1.0, -1.0])),
+    u=np.array([1.5, 1.0]),
 )
 SOLUTION = QPSolution(
     np.array([1.5, 0.5]), np.array([0.5]), np.array([1.0, 0.0]), True, 1, "by hand"
@@ -32,14 +31,20 @@ def test_the_solution_by_hand_has_no_residual() -> None:
     assert max(SOLUTION.residuals(PROGRAM)) <= ROUNDING
 
 
-def test_sparse_and_dense_programs_have_the_same_residuals() -> None:
-    off = replace(SOLUTION, x=np.array([1.7, 0.5]), z=np.array([1.0, -0.1]))
-    sparse = replace(
-        PROGRAM, H=sp.csc_matrix(PROGRAM.H), A=sp.csc_matrix(PROGRAM.A), C=sp.csc_matrix(PROGRAM.C)
-    )
-    assert sparse.is_sparse
-    assert not PROGRAM.is_sparse
-    assert off.residuals(sparse) == pytest.approx(off.residuals(PROGRAM), abs=ROUNDING)
+def test_only_the_upper_triangle_of_the_hessian_is_given() -> None:
+    full = np.array([[2.0, 0.5], [0.5, 1.0]])
+    qp = replace(PROGRAM, H=sp.csc_matrix(np.triu(full)))
+    H, A, C = qp.dense()
+    np.testing.assert_array_equal(H, full)
+    np.testing.assert_array_equal(A, PROGRAM.A.toarray())
+    np.testing.assert_array_equal(C, PROGRAM.C.toarray())
+    # at (1.5, 0.5) the gradient is (0.25, 0.25): mu = -0.25
+    solution = replace(SOLUTION, y=np.array([-0.25]), z=np.zeros(2))
+    assert max(solution.residuals(qp)) <= ROUNDING
+
+
+def test_without_equalities_there_is_an_empty_matrix_of_them() -> None:
+    assert replace(PROGRAM, A=None, b=np.zeros(0)).dense()[1].shape == (0, 2)
 
 
 @pytest.mark.parametrize(
@@ -70,7 +75,7 @@ def test_a_multiplier_on_a_row_that_is_not_active_shows_as_complementarity() -> 
     assert dual == pytest.approx(0.25)
 
 
-def test_a_multiplier_of_the_wrong_sign_pushes_from_a_side_that_is_not_there() -> None:
+def test_a_multiplier_of_the_wrong_sign_shows() -> None:
     pulling = replace(SOLUTION, y=np.array([2.5]), z=np.array([-1.0, 0.0]))
     assert pulling.residuals(PROGRAM)[1] >= 1.0
 
@@ -78,41 +83,35 @@ def test_a_multiplier_of_the_wrong_sign_pushes_from_a_side_that_is_not_there() -
 @pytest.mark.parametrize("part", ["x", "y", "z"])
 def test_a_solution_that_is_not_finite_proves_nothing(part: str) -> None:
     broken = replace(SOLUTION, **{part: getattr(SOLUTION, part) * np.nan})
+    assert not broken.is_finite()
     assert broken.residuals(PROGRAM) == (np.inf, np.inf)
 
 
-@pytest.mark.parametrize("part", ["H", "g", "A", "b", "C", "l", "u"])
-def test_data_that_are_not_finite_leave_nothing_to_prove(part: str) -> None:
-    entries = getattr(PROGRAM, part).copy()
-    entries.flat[0] = np.nan
-    broken = replace(PROGRAM, **{part: entries})
-    assert not broken.is_finite()
-    assert np.inf in SOLUTION.residuals(broken)
-
-
-def test_infinite_sides_are_finite_data_and_crossed_sides_are_not() -> None:
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+@pytest.mark.parametrize("part", ["H", "g", "A", "b", "C", "u"])
+def test_data_that_are_not_finite_are_seen(part: str, bad: float) -> None:
     assert PROGRAM.is_finite()
-    assert not replace(PROGRAM, l=np.array([2.0, -1.0])).is_finite()
-    assert not replace(PROGRAM, g=np.array([np.inf, 0.0])).is_finite()
+    assert not replace(PROGRAM, **{part: getattr(PROGRAM, part) * bad}).is_finite()
 
 
 def test_nothing_has_the_shapes_of_a_solution_and_infinite_residuals() -> None:
     nothing = QPSolution.nothing(PROGRAM, "none")
     assert not nothing.solved
+    assert (nothing.x.shape, nothing.y.shape, nothing.z.shape) == ((2,), (1,), (2,))
     assert nothing.residuals(PROGRAM) == (np.inf, np.inf)
 
 
-def test_a_program_without_rows_has_residuals() -> None:
-    free = QP(
-        np.eye(2),
-        -np.ones(2),
-        np.zeros((0, 2)),
-        np.zeros(0),
-        np.zeros((0, 2)),
-        np.zeros(0),
-        np.zeros(0),
+def test_a_relaxed_program_violates_the_chosen_rows_by_its_last_variable() -> None:
+    """x <= 1.5 may give: at price 0.25 it gives by t = 3/8, where its multiplier is the price."""
+    relaxed = PROGRAM.relaxed(np.array([True, False]), price=0.25)
+    # x - 3 + mu + 1/4 = 0, 2 - x - 1 + mu = 0: x = 15/8, mu = 7/8, t = 3/8
+    solution = QPSolution(
+        np.array([1.875, 0.125, 0.375]), np.array([0.875]), np.array([0.25, 0.0, 0.0]), True, 1, ""
     )
-    assert QPSolution(np.ones(2), np.zeros(0), np.zeros(0), True, 1, "by hand").residuals(free) == (
-        0.0,
-        0.0,
-    )
+    primal, dual = solution.residuals(relaxed)
+    assert primal <= ROUNDING
+    assert dual <= 1e-8  # the slack's own small curvature
+    too_much = replace(solution, x=np.array([1.875, 0.125, 0.3]))
+    assert too_much.residuals(relaxed)[0] == pytest.approx(0.075)
+    negative = replace(solution, x=np.array([1.5, 0.5, -0.1]))
+    assert negative.residuals(relaxed)[0] == pytest.approx(0.1)

@@ -22,7 +22,9 @@ ADDED = 0.05  # rows that a screened solution brings nearer to their bound than 
 MISSED = 0.2  # of the current violation: rows that a step misses by less wait for the next one
 SOLVED = 1e-6  # residual of rows in the program of a solution that is believed
 DUST = 1e-7  # of the largest: smaller multipliers are what an interior point leaves
-RELAXED_ITERATIONS = 100
+# a relaxed program's objective is the price times the violation: at a larger tolerance steps near
+# the least violation lower nothing, and are refused
+RELAXED_ITERATIONS, RELAXED_TOLERANCE = 100, 1e-7
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,24 +84,27 @@ class Subproblem:
         self._backend = backends[0]
         self.inner = 0  # inner iterations of all programs so far
 
-    def solve(self, *, iterations: int, warm: QPSolution | None = None) -> Direction | None:
+    def solve(self, *, iterations: int, y: Array, z: Array) -> Direction | None:
         """Step; None if no backend finds one.
 
         Args:
             iterations: Inner iterations at most.
-            warm: Last solution, of the same rows.
+            y, z: Multipliers of the last step's program, shape (p,) and (m,).
         """
         lin, keep = self.lin, self.keep
+        x, z = np.zeros(len(lin.gradient)), z.copy()
         for rounds in range(1, ROUNDS + 1):
-            solution = self._ask(self._qp(keep), iterations, warm)
+            guess = QPSolution(x, y, z[keep], False, 0, "")
+            solution = self._ask(self._qp(keep), self._tolerance, iterations, guess)
             if solution is None:
                 return None
+            x, y, z[keep] = solution.x, solution.y, solution.z
             predicted = lin.C @ solution.x + lin.at.inequalities
             joined = self._joined(keep, predicted) if rounds < ROUNDS else None
             if joined is None:
                 self.keep = keep
                 return self._direction(solution, predicted, 0.0)
-            keep, warm = joined, None
+            keep = joined
         return None
 
     def _joined(self, keep: Mask, predicted: Array) -> Mask | None:
@@ -120,7 +125,8 @@ class Subproblem:
         """
         mask = np.arange(len(self.keep)) < nonlinear
         qp = self._qp(self.keep).relaxed(mask[self.keep], price)
-        solution = self._ask(qp, RELAXED_ITERATIONS, None)
+        tolerance = min(self._tolerance, RELAXED_TOLERANCE)
+        solution = self._ask(qp, tolerance, RELAXED_ITERATIONS, None)
         if solution is None:
             return None
         slack = max(float(solution.x[-1]), 0.0)
@@ -146,17 +152,17 @@ class Subproblem:
         C, u = lin.C.selected(keep), -lin.at.inequalities[keep]
         return QP(self.H, lin.gradient, lin.A, -lin.at.equalities, C, u)
 
-    def _ask(self, qp: QP, iterations: int, warm: QPSolution | None) -> QPSolution | None:
+    def _ask(
+        self, qp: QP, tolerance: float, iterations: int, warm: QPSolution | None
+    ) -> QPSolution | None:
         """First solution that a backend calls solved and that its rows confirm."""
         for backend in self._backends:
-            solution = backend.solve(
-                qp, tolerance=self._tolerance, iterations=iterations, warm=warm
-            )
+            solution = backend.solve(qp, tolerance=tolerance, iterations=iterations, warm=warm)
             self.inner += solution.iterations
             if solution.solved and solution.is_finite():
                 above = float((qp.C @ solution.x - qp.u).max(initial=0.0))
-                scale = max(1.0, float(np.abs(qp.u).max(initial=0.0)))
-                if above <= max(SOLVED, 10.0 * self._tolerance * scale):
+                largest = max(1.0, float(np.abs(qp.u).max(initial=0.0)))
+                if above <= max(SOLVED, 10.0 * tolerance * largest):
                     self._backend = backend
                     return solution
         return None

@@ -19,7 +19,7 @@ __all__ = ["Nearest", "nearest_feasible"]
 Mask = npt.NDArray[np.bool_]
 
 STEPS = 6  # at most
-INNER = 25  # iterations of an interior-point method: more mean that there is no solution
+INNER = 20  # iterations of an interior-point method: more mean that there is no solution
 ROUNDS = 3  # of adding rows that a step violates
 NEAR = 0.05  # rows nearer to their bound than this take part ...
 REACH = 0.5  # ... and at first those within this share of the violation more

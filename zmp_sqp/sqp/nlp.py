@@ -42,8 +42,10 @@ class Evaluation:
 
     def is_finite(self) -> bool:
         """Whether the program could be evaluated here."""
-        parts = (self.objective + self.tie_breaker, self.equalities.sum(), self.inequalities.sum())
-        return bool(np.isfinite(parts).all())
+        objective = self.objective + self.tie_breaker
+        with np.errstate(invalid="ignore"):
+            total = objective + self.equalities.sum() + self.inequalities.sum()
+        return bool(np.isfinite(total))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -52,7 +52,8 @@ class QP:
         if self.A is not None:
             parts.append(self.A.data)
         # a sum is finite only if all entries are, and faster to look at
-        return all(bool(np.isfinite(part.sum())) for part in parts)
+        with np.errstate(invalid="ignore"):
+            return all(bool(np.isfinite(part.sum())) for part in parts)
 
     def dense(self) -> tuple[Array, Array, Array]:
         """H in full, A and C as arrays, for solvers of dense quadratic programs."""
@@ -109,7 +110,8 @@ class QPSolution:
 
     def is_finite(self) -> bool:
         """Whether all of it are numbers."""
-        return bool(np.isfinite(self.x.sum() + self.y.sum() + self.z.sum()))
+        with np.errstate(invalid="ignore"):
+            return bool(np.isfinite(self.x.sum() + self.y.sum() + self.z.sum()))
 
     def residuals(self, qp: QP) -> tuple[float, float]:
         r"""Primal and dual residuals, independent of what the backend reports.

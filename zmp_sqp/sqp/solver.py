@@ -37,8 +37,8 @@ HELD = 1  # steps for which the share stays then
 INNER, INNER_CONVEX = 30, 60  # iterations of an interior-point method: more mean indefiniteness
 HARD = 28  # inner iterations of a program that was hard to solve
 # screening: rows nearer to their bound than this, and what the last step moved them by, take part
-NEAR = 0.05
-FIRST_NEAR = 0.1
+NEAR = 0.08
+FIRST_NEAR = 0.2
 RELAXED_NEAR = 0.5
 DECISIVE_ABOVE = 3e-3  # violation from which on the program's decisive rows take part
 # tolerance of quadratic programs: a share of the violation within bounds
@@ -192,7 +192,7 @@ class SQP:
         relaxed, direction = iterate.relaxation.active, None
         if not relaxed:
             inner = INNER if clipped < 1.0 else INNER_CONVEX
-            direction = subproblem.solve(iterations=inner)
+            direction = subproblem.solve(iterations=inner, y=iterate.y, z=iterate.z)
             if clipped < 1.0 and (
                 direction is None or self._decrease(program, iterate, direction) < -WRONG_WAY
             ):
@@ -228,7 +228,8 @@ class SQP:
         return iterate.number < first or iterate.violation > CLIPPED_ABOVE
 
     def _clipped(self, iterate: Iterate) -> float:
-        return 1.0 if self._is_early(iterate) else iterate.model.clipped
+        whole = self.backend.needs_convex or self._is_early(iterate)
+        return 1.0 if whole else iterate.model.clipped
 
     def _subproblem(
         self, program: NonlinearProgram, iterate: Iterate, clipped: float
@@ -293,13 +294,15 @@ class SQP:
             found = _with(program.linearize(point), iterate.excess)
             return _Found(point, found, length, corrections)
 
-        full = linearized(program.moved(lin, iterate.point, direction.step), 1.0)
-        closes = iterate.finishing and is_feasible(
-            full.lin.at, program.tolerance, self.settings.equality
-        )
-        if is_enough(full.lin.at, 1.0) or closes:
-            return full
-        end, step = full.lin.at, direction.step
+        point = program.moved(lin, iterate.point, direction.step)
+        full = None  # derivatives are computed at once where the step is likely to be taken
+        if iterate.change is not None or iterate.number == 0:
+            full = linearized(point, 1.0)
+        end = _added(program.evaluate(point), iterate.excess) if full is None else full.lin.at
+        closes = iterate.finishing and is_feasible(end, program.tolerance, self.settings.equality)
+        if is_enough(end, 1.0) or closes:
+            return full or linearized(point, 1.0)
+        step = direction.step
         corrections = MOST_CORRECTIONS if end.violation > iterate.violation and not relaxed else 0
         for count_of in range(1, corrections + 1):
             if not end.is_finite():

@@ -144,8 +144,9 @@ class TipOverRows(EffortRows):
         normal = stretch.control[:, :, 2:3]  # (n + 1, K, 1)
         every = stretch.rounding.plus(stretch.interpolation)
         bound = self._less(room.min(axis=0), normal.min(axis=0), every)
-        ends, at_ends = np.minimum(room[0], room[-1]), np.minimum(normal[0], normal[-1])
-        return bound, self._less(ends, at_ends, stretch.rounding)
+        # an end with little room may be the one with much normal force
+        ends = (self._less(room[i], normal[i], stretch.rounding) for i in (0, -1))
+        return bound, np.minimum(*ends)
 
     def _less(self, distance: Array, normal: Array, off: EffortBound) -> Array:
         """Distances (K, R) less what an error of the wrench can change, -inf without contact.

@@ -396,7 +396,7 @@ class StageRows:
         hardest = of_efforts.sum(axis=2).argmax(axis=1)
         active = np.flatnonzero(of_efforts.any(axis=(1, 2)))
         matrix = self.matrices.reshape(corners * self.effort_rows, -1)
-        factors = of_efforts[active].reshape(len(active), -1) @ matrix
+        factors = of_efforts[active].reshape(len(active), corners * self.effort_rows) @ matrix
         for corner in np.unique(hardest[active]).tolist():
             chosen = hardest[active] == corner
             some = active[chosen]

@@ -95,7 +95,8 @@ def aligned_grid(motion: BlindMotion, intervals: int) -> Grid:
     counts = np.maximum(np.round(intervals * lengths), least).astype(int)
     while counts.sum() != intervals:  # from or to where intervals are shortest or longest
         sizes = lengths / counts
-        k = int(np.argmin(sizes)) if counts.sum() > intervals else int(np.argmax(sizes))
+        longer = np.where(counts > 1, sizes, np.inf)
+        k = int(np.argmin(longer)) if counts.sum() > intervals else int(np.argmax(sizes))
         counts[k] += 1 if counts.sum() < intervals else -1
     ends = np.concatenate([[0.0], np.cumsum(lengths)])
     parts = [

@@ -20,6 +20,10 @@ class QPBackend(Protocol):
     def name(self) -> str:
         """How the history calls it."""
 
+    @property
+    def needs_convex(self) -> bool:
+        """Whether it solves only programs with a positive semi-definite Hessian."""
+
     def solve(
         self, qp: QP, *, tolerance: float, iterations: int, warm: QPSolution | None = None
     ) -> QPSolution:
@@ -29,7 +33,8 @@ class QPBackend(Protocol):
             qp: The program.
             tolerance: Of the residuals.
             iterations: At most so many, where the method is an interior-point one.
-            warm: Solution of a nearby program with the same rows, for methods that gain from one.
+            warm: About the solution, for methods that gain from knowing which multipliers are
+                positive.
         """
 
     def solve_again(self, u: Array, b: Array) -> QPSolution:
@@ -46,7 +51,11 @@ def make_backend(name: str) -> QPBackend:
         from zmp_sqp.sqp.backends.proxqp import ProxQP
 
         return ProxQP()
-    if name in ("auto", "piqp"):
+    if name == "auto":
+        from zmp_sqp.sqp.backends.auto import Auto
+
+        return Auto()
+    if name == "piqp":
         from zmp_sqp.sqp.backends.piqp import PIQP
 
         return PIQP()

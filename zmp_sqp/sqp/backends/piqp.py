@@ -22,6 +22,7 @@ class PIQP:
     """
 
     name = "piqp"
+    needs_convex = False
 
     def __init__(self) -> None:
         """Make a backend without a program."""

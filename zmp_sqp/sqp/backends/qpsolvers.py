@@ -1,20 +1,22 @@
-"""Every solver that qpsolvers offers, on condensed QPs."""
+"""Every solver that qpsolvers offers, on sparse QPs where it takes those."""
 
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import qpsolvers
 import scipy.sparse as sp
 
+from zmp_sqp.arrays import Array
 from zmp_sqp.errors import ProblemError
 from zmp_sqp.sqp.qp import QP, QPSolution
 
 __all__ = ["QPSolvers"]
 
-SPARSE = frozenset(qpsolvers.sparse_solvers) - frozenset(qpsolvers.dense_solvers)
+SPARSE = frozenset(qpsolvers.sparse_solvers)
 # Tighter than their defaults, where a solver has such settings; others keep their own.
 SETTINGS: dict[str, dict[str, Any]] = {
     "clarabel": {"tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10, "tol_feas": 1e-10},
@@ -40,9 +42,9 @@ TIME_LIMITS = {
 
 
 class QPSolvers:
-    """Any solver behind qpsolvers; its rows are one-sided (G x <= h)."""
+    """Any solver behind qpsolvers, from cold, to its tightest tolerances."""
 
-    wants_sparse = False
+    needs_convex = True
 
     def __init__(self, solver: str) -> None:
         """Backend for one solver.
@@ -55,38 +57,51 @@ class QPSolvers:
             raise ProblemError(f"qpsolvers finds no solver {solver!r}; installed: {found}")
         self.name = f"qpsolvers:{solver}"
         self._solver = solver
+        self._qp: QP | None = None
         self.time_limit: float | None = None  # [s] for solvers that know one
 
-    def solve(self, qp: QP, *, warm: QPSolution | None = None) -> QPSolution:
-        """Solution; a solver's own exception counts as not solved."""
+    def solve(
+        self, qp: QP, *, tolerance: float, iterations: int, warm: QPSolution | None = None
+    ) -> QPSolution:
+        """Solution; a solver's own exception counts as not solved.
+
+        Args:
+            qp, tolerance, iterations, warm: Arguments of `QPBackend.solve`; only the first is used.
+        """
+        self._qp = qp
         if not qp.is_finite():
             return QPSolution.nothing(qp, self.name)
-        upper, lower = np.isfinite(qp.u), np.isfinite(qp.l)
-        C = sp.csr_matrix(qp.C) if qp.is_sparse else qp.C
-        stack = sp.vstack if qp.is_sparse else np.vstack
-        G, h = stack([C[upper], -C[lower]]), np.concatenate([qp.u[upper], -qp.l[lower]])
-        convert = sp.csc_matrix if qp.is_sparse or self._solver in SPARSE else np.asarray
         settings = dict(SETTINGS.get(self._solver, {}))
         if self.time_limit is not None and self._solver in TIME_LIMITS:
             settings[TIME_LIMITS[self._solver]] = self.time_limit
-        problem = qpsolvers.Problem(convert(qp.H), qp.g, convert(G), h, convert(qp.A), qp.b)
         try:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
-                answer = qpsolvers.solve_problem(problem, self._solver, **settings)
+                answer = qpsolvers.solve_problem(self._problem(qp), self._solver, **settings)
         except Exception:  # each backend has exceptions of its own; the caller falls back
             return QPSolution.nothing(qp, self.name)
         if answer.x is None or answer.z is None or answer.y is None:
             return QPSolution.nothing(qp, self.name)
-        z = np.zeros(len(qp.u))
-        z[upper] += answer.z[: int(upper.sum())]
-        z[lower] -= answer.z[int(upper.sum()) :]
         iterations = answer.extras.get("iter") or getattr(answer.extras.get("info"), "iter", 0) or 0
         return QPSolution(
             np.array(answer.x),
             np.array(answer.y),
-            z,
+            np.maximum(np.array(answer.z), 0.0),
             bool(answer.found),
             int(iterations),
             self.name,
         )
+
+    def solve_again(self, u: Array, b: Array) -> QPSolution:
+        """Solution of the last program with other right-hand sides, from cold."""
+        assert self._qp is not None
+        return self.solve(replace(self._qp, u=u, b=b), tolerance=0.0, iterations=0)
+
+    def _problem(self, qp: QP) -> qpsolvers.Problem:
+        if self._solver in SPARSE:
+            H = sp.csc_matrix(qp.H + sp.triu(qp.H, 1).T)
+            A, C = qp.A, qp.C
+        else:
+            H, A, C = qp.dense()
+        G, h = (C, qp.u) if len(qp.u) else (None, None)
+        return qpsolvers.Problem(H, qp.g, G, h, *((A, qp.b) if len(qp.b) else (None, None)))
