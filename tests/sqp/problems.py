@@ -47,8 +47,8 @@ class Textbook:
     start: Sequence[float]
     optimum: float
     objective: Function
-    c_E: Function = lambda x: []
-    c_I: Function = lambda x: []
+    c_E: Function = lambda x: []  # noqa: N815 - the field's symbols
+    c_I: Function = lambda x: []  # noqa: N815
     linear: Function = lambda x: []
     lower: float | Sequence[float] = -np.inf
     upper: float | Sequence[float] = np.inf
