@@ -188,6 +188,8 @@ class SQP:
         if not relaxed:
             inner = INNER if clipped < 1.0 else INNER_CONVEX
             direction = subproblem.solve(iterations=inner, y=iterate.y, z=iterate.z)
+            if direction is not None and direction.z[: program.nonlinear].sum() > LARGEST_PRICE:
+                direction = None  # feasible by a step far beyond where it is true
             if clipped < 1.0 and (
                 direction is None or self._decrease(program, iterate, direction) < -WRONG_WAY
             ):
