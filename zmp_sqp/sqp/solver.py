@@ -222,8 +222,8 @@ class SQP:
         return iterate.number < first or iterate.violation > CLIPPED_ABOVE
 
     def _clipped(self, iterate: Iterate) -> float:
-        whole = self.backend.needs_convex or self._is_early(iterate)
-        return 1.0 if whole else iterate.model.clipped
+        wholly = self.backend.needs_convex or iterate.relaxation.active or self._is_early(iterate)
+        return 1.0 if wholly else iterate.model.clipped
 
     def _subproblem(
         self, program: NonlinearProgram, iterate: Iterate, clipped: float
