@@ -148,7 +148,9 @@ class _Search:
         A = None if lin.A is None else _without_last(lin.A)
         for _ in range(ROUNDS):
             C = _without_last(lin.C.selected(keep))
-            qp = QP(self.H, np.zeros(program.size - 1), A, -at.equalities, C, -at.inequalities[keep])
+            qp = QP(
+                self.H, np.zeros(program.size - 1), A, -at.equalities, C, -at.inequalities[keep]
+            )
             solution = self.backend.solve(qp, tolerance=float(tolerance), iterations=INNER)
             self.steps, self.inner = self.steps + 1, self.inner + solution.iterations
             if not (solution.solved and solution.is_finite()):

@@ -57,7 +57,9 @@ class Pattern:
         kept = entries[self._index]
         if self._place is None:
             return kept
-        return np.asarray(np.bincount(self._place, weights=kept, minlength=len(self.indices)), float)
+        return np.asarray(
+            np.bincount(self._place, weights=kept, minlength=len(self.indices)), float
+        )
 
     def matrix(self, data: Array) -> sp.csc_matrix:
         """The CSC matrix with entries as `data` returns them."""

@@ -252,9 +252,7 @@ class SQP:
         backends = (self.backend,) if self.fallback is None else (self.backend, self.fallback)
         return Subproblem(lin, H, keep, backends, tolerance)
 
-    def _decrease(
-        self, program: NonlinearProgram, iterate: Iterate, direction: Direction
-    ) -> float:
+    def _decrease(self, program: NonlinearProgram, iterate: Iterate, direction: Direction) -> float:
         """Decrease of the merit function that a step promises to first order."""
         at, penalty, count = iterate.lin.at, iterate.penalty, program.nonlinear
         after = penalty.of(direction.predicted, np.zeros(0), count)
@@ -330,6 +328,14 @@ class SQP:
     ) -> Iterate:
         """No step lowers the merit function: damp the model, or end the run."""
         feasible = iterate.is_feasible(program.tolerance, self.settings.equality)
+        violation, relaxation = iterate.violation, iterate.relaxation
+        if violation > PATIENCE_VIOLATION and direction.slack > PATIENCE_SHARE * violation:
+            # not even to first order does a step lower the violation at this price
+            is_dear = max(relaxation.price, iterate.penalty.nonlinear) >= DEAR
+            dear = replace(relaxation, price=DEAR, violations=())
+            given_up = SQPStatus.INFEASIBLE if is_dear else None
+            stuck = replace(iterate, relaxation=dear, verdict=given_up)
+            return self._stay(iterate, subproblem, stuck, direction)
         ends = feasible or iterate.model.damping > LARGEST_DAMPING
         verdict = None
         if ends:
@@ -392,9 +398,7 @@ class SQP:
         least = 0.0 if creeps else min(model.clipped, LEAST_CLIPPED)
         return replace(model, clipped=max(least, 0.5 * model.clipped))
 
-    def _with_excess(
-        self, program: NonlinearProgram, iterate: Iterate, change: float
-    ) -> Iterate:
+    def _with_excess(self, program: NonlinearProgram, iterate: Iterate, change: float) -> Iterate:
         """With what nonlinear rows exceed between their places, late in the run."""
         settings = self.settings
         late = settings.excess_from > 0.0 and change < settings.excess_from
@@ -426,7 +430,9 @@ class SQP:
         )
         if stuck:
             # a slower point might be less violated: at a higher price it would be found
-            verdict = SQPStatus.INFEASIBLE if max(price, iterate.penalty.nonlinear) >= DEAR else None
+            verdict = (
+                SQPStatus.INFEASIBLE if max(price, iterate.penalty.nonlinear) >= DEAR else None
+            )
             price, series = DEAR, series[-1:]
         return replace(iterate, relaxation=Relaxation(slack, price, series), verdict=verdict)
 
