@@ -3,6 +3,7 @@
 ====================  ==============================================================================
 `speed`               how long planning takes
 `random_problems`     robustness and speed on random problems of the arm
+`robust_problems`     what uncertain payloads and slopes cost
 `driving_problems`    robustness and speed for base and arm on a slope
 `terrain_drives`      robustness and speed for base and arm over a heightmap
 `recorded`            whether a change of the code changes any result

@@ -90,7 +90,7 @@ def benchmark_parser(
         )
         parser.add_argument("--first", type=int, default=0, help="seed of the first (default 0)")
     if qp_solver:
-        parser.add_argument("--qp-solver", default="proxqp", help="default: proxqp")
+        parser.add_argument("--qp-solver", default="auto", help="default: auto")
     if results:
         parser.add_argument("--json", type=Path, metavar="FILE", help="write all results here")
     return parser
@@ -123,7 +123,7 @@ def timed(call: Callable[[], T]) -> tuple[T, Timing]:
     return result, Timing(time.process_time() - processor, time.perf_counter() - wall)
 
 
-def timed_plan(problem: zs.Problem, qp_solver: str = "proxqp") -> tuple[zs.Plan, Row]:
+def timed_plan(problem: zs.Problem, qp_solver: str = "auto") -> tuple[zs.Plan, Row]:
     """Plan of a problem, and the columns that the tables of all benchmarks share."""
     plan, took = timed(lambda: zs.plan(problem, qp_solver=qp_solver))
     return plan, {

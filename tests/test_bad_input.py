@@ -236,6 +236,14 @@ def test_poses_outside_the_joint_limits(name: str, joint: str, value: float) -> 
     )
 
 
+def test_numbers_that_a_message_compares_look_different() -> None:
+    upper = float(MACHINE.limits.position_upper[1])  # 0.6 rad
+    text = refuses(zs.ProblemError, "boom", problem, goal=with_entry(1, upper + 1e-8))
+    assert "is 0.60000001, outside its limits [-1.4, 0.6] rad" in text
+    text = refuses(zs.ProblemError, "slope_uncertainty", problem, slope_uncertainty=0.5 + 1e-9)
+    assert "[0, 0.5] rad, not 0.500000001 rad" in text
+
+
 @pytest.mark.parametrize("name", ["start_velocity", "goal_velocity"])
 @pytest.mark.parametrize("value", [0.8, -0.8, 1e308])
 def test_rates_outside_the_velocity_limits(name: str, value: float) -> None:
@@ -352,6 +360,34 @@ def test_poses_that_tip_over_with_the_margin_asked_for() -> None:
 
 def test_a_ground_so_steep_that_it_would_have_to_hold_the_machine() -> None:
     refuses(zs.ProblemError, "rest at the start", problem, ground=zs.Slope(pitch=1.5))
+
+
+def test_a_margin_that_is_only_missed_is_not_called_tipping_over() -> None:
+    """The ZMP is inside the support polygon, but closer to an edge than asked for."""
+    scene = paper_scene()
+    for margin, fault in ((0.9, "misses the margin of 0.9 m"), (2.0, None)):
+        text = refuses(zs.ProblemError, "margin", scene.problem, POSE, PAPER_GOAL, margin=margin)
+        if fault is not None:
+            assert fault in text
+            assert "inside the support polygon, but only 0.829 m from the left edge" in text
+        assert "tips over" not in text
+    over_left = with_entry(0, np.pi / 2)
+    text = refuses(zs.ProblemError, "tips over", scene.problem, POSE, over_left, margin=0.1)
+    assert "0.441 m outside the left edge of the support polygon (required margin: 0.1 m)" in text
+
+
+def test_an_edge_of_a_triangle_has_a_number_and_no_double_name() -> None:
+    narrow = MACHINE.with_support(zs.SupportPolygon([(-2.0, -0.2), (2.0, -0.2), (0.0, 0.2)]))
+    text = refuses(
+        zs.ProblemError,
+        "tips over",
+        zs.Problem,
+        narrow,
+        with_entry(0, np.pi / 2),
+        PAPER_GOAL,
+        zs.Slope(),
+    )
+    assert re.search(r"outside edge \d of the support polygon", text)
 
 
 # --- support polygons ---------------------------------------------------------------------------

@@ -11,6 +11,8 @@ import numpy.typing as npt
 from zmp_sqp.errors import ZmpSqpError
 
 LONGEST_SHOWN = 80  # [characters] of a value that an error message shows; the rest is cut
+LEAST_IN_METRES = 5e-3  # [m] shorter lengths are shown in millimetres: 0.002 m says little
+MOST_DIGITS = 17  # significant digits that tell any two float64 apart
 
 Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
@@ -90,6 +92,26 @@ def shortened(value: Any) -> str:
     """Any value as one line of at most about `LONGEST_SHOWN` characters, for error messages."""
     text = " ".join(repr(value).split())
     return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}..."
+
+
+def length_text(length: float) -> str:
+    """Length [m] as text: in metres, or in millimetres where metres would show few digits."""
+    return f"{length:.3f} m" if length >= LEAST_IN_METRES else f"{1e3 * length:.2g} mm"
+
+
+def distinct_texts(*values: float, digits: int = 6) -> tuple[str, ...]:
+    """Numbers as text, with enough significant digits to tell unequal ones apart.
+
+    Args:
+        values: Numbers that a message compares, such as a value and its limits.
+        digits: Least number of significant digits.
+    """
+    texts: tuple[str, ...] = ()
+    for count in range(digits, MOST_DIGITS + 1):
+        texts = tuple(f"{value:.{count}g}" for value in values)
+        if len(set(texts)) >= len(set(values)):
+            break
+    return texts
 
 
 def _spell(shape: tuple[int | None, ...]) -> str:

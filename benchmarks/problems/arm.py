@@ -16,7 +16,7 @@ from benchmarks.problems.scene import (
     standing_poses,
 )
 
-__all__ = ["HARD", "ORDINARY", "Recipe", "random_problem", "random_scene"]
+__all__ = ["HARD", "ORDINARY", "ROBUST", "Recipe", "random_problem", "random_scene"]
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,8 @@ class Recipe:
 ORDINARY = Recipe("ordinary", (500.0, 4000.0), np.deg2rad(25.0), (0.05, np.inf))
 # heavier payloads, steeper slopes, start and goal close to tipping over
 HARD = Recipe("hard", (2000.0, 6500.0), np.deg2rad(28.0), (0.02, 0.30))
+# as heavy and steep, with start and goal that stand with an uncertain payload and slope, too
+ROBUST = Recipe("robust", (2500.0, 6500.0), np.deg2rad(28.0), (0.25, 0.60))
 
 
 def random_scene(seed: int, recipe: Recipe = ORDINARY) -> tuple[Scene, np.ndarray]:

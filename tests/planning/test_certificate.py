@@ -24,7 +24,7 @@ from zmp_sqp.mechanics.bounds.effort_bounds import wrench_curvature_bound, wrenc
 from zmp_sqp.motion.unicycle_motion import UnicycleMotion
 from zmp_sqp.planning.constraints import tip_over
 from zmp_sqp.planning.problem.unicycle_base import UnicycleBase
-from zmp_sqp.planning.proof import corner_motion
+from zmp_sqp.planning.proof import corner_efforts, effort_curves
 from zmp_sqp.planning.proof.limits_in_time import limit_excess
 from zmp_sqp.planning.proof.subdivision import ROUNDING as TAKEN_OFF
 
@@ -198,21 +198,22 @@ def test_the_guaranteed_margin_is_below_every_sample_and_close_to_the_least(
         assert found.margin >= found.sampled - LOOSE, seed
 
 
-def look_at_whole_intervals(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let certificates take each interval as one stretch, and leave its bound as loose as it is."""
+def look_at_whole_intervals(monkeypatch: pytest.MonkeyPatch, *, degree: int) -> None:
+    """Let certificates take each interval as one polynomial, and leave its bound as loose as it is."""
     for module, constant, value in (
-        (corner_motion, "STRETCHES", 1),
-        (corner_motion, "LONGEST", np.inf),
+        (effort_curves, "DEGREES", (degree,)),
+        (effort_curves, "TOLERANCE", np.inf),
         (tip_over, "RESOLUTION", 1e300),
     ):
         monkeypatch.setattr(module, constant, value)
 
 
+@pytest.mark.parametrize("degree", [3, 6])
 @pytest.mark.parametrize("name", MACHINES)
-def test_the_interpolation_error_is_bounded_over_a_single_stretch_of_any_length(
-    name: str, monkeypatch: pytest.MonkeyPatch
+def test_the_error_of_a_single_polynomial_is_bounded_on_an_interval_of_any_length(
+    name: str, degree: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    look_at_whole_intervals(monkeypatch)
+    look_at_whole_intervals(monkeypatch, degree=degree)
     informative = 0
     for seed, (speed, length) in enumerate(product((0.1, 1.0, 10.0), np.geomspace(0.01, 1.0, 12))):
         case = random_case(name, speed, seed, steps=np.array([length / speed]))
@@ -222,7 +223,7 @@ def test_the_interpolation_error_is_bounded_over_a_single_stretch_of_any_length(
         least = least_sampled(case, samples=400)
         informative += found.sampled - found.margin > 1e-6
         assert is_below(found.margin, least), seed
-    assert informative >= 5
+    assert informative >= 5 or (name, degree) == ("slider", 6)  # its efforts have the degree 4
 
 
 @given(seed=st.integers(0, 2**31), speed=st.floats(0.01, 20.0), name=st.sampled_from(MACHINES))
@@ -288,7 +289,7 @@ def test_the_least_sample_is_where_and_when_the_certificate_says() -> None:
     point = zs.zmp(case.machine, *state, case.ground)[0]
     distances = support.offsets - support.normals @ point
     assert int(distances.argmin()) == found.edge
-    assert distances.min() == pytest.approx(found.sampled, abs=EXACT)
+    assert distances.min() == pytest.approx(found.sampled, abs=2.0 * effort_curves.TOLERANCE)
 
 
 def test_a_margin_that_is_kept_by_a_micrometre_is_proven() -> None:
@@ -358,7 +359,8 @@ def test_what_overflows_has_no_margin(size: float) -> None:
         zs.Trajectory(names, [0.0, 0.0], rest, far, rest[:1]),
     ):
         found = zs.certify(machine, trajectory, LEVEL)
-        assert found.margin == -np.inf
+        # an acceleration that does not overflow has a zero moment point, here outside
+        assert found.margin == -np.inf or found.margin <= found.sampled < 0.0
         assert not found.safe
 
 
@@ -375,7 +377,7 @@ def test_a_coordinate_that_is_known_to_some_digits_only_costs_margin(turns: floa
 
 def test_gravity_of_any_strength_is_in_the_bound(monkeypatch: pytest.MonkeyPatch) -> None:
     """On a ground of their own people may put any gravity; here it decides the curvature alone."""
-    look_at_whole_intervals(monkeypatch)
+    look_at_whole_intervals(monkeypatch, degree=3)
 
     class Heavy:
         def gravity(self, yaw: float = 0.0) -> Array:
@@ -452,20 +454,20 @@ def test_a_ground_that_pulls_the_machine_up_gives_no_margin() -> None:
 
 
 @pytest.mark.parametrize("duration", [1e3, 1e6, 1e9])
-def test_a_long_motion_takes_no_more_states_than_the_limit(
+def test_a_long_motion_that_is_slow_takes_few_states(
     duration: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     looked_at = []
-    inner = corner_motion.efforts
+    inner = corner_efforts.efforts
     monkeypatch.setattr(
-        corner_motion,
+        corner_efforts,
         "efforts",
         lambda m, q, *rest, **more: looked_at.append(len(q)) or inner(m, q, *rest, **more),
     )
     machine = machine_of("slewing_crane")
     trajectory = integrated(machine, [0.0, duration], [0.0], [1e-3 / duration], [[0.0]])
     found = zs.certify(machine, trajectory, LEVEL)
-    assert sum(looked_at) <= 1.1 * corner_motion.FIRST
+    assert sum(looked_at) <= 100
     assert found.margin == pytest.approx(found.sampled, abs=LOOSE)
 
 
@@ -615,7 +617,7 @@ def test_the_guarantee_holds_while_the_base_drives_and_turns(speed: float) -> No
 def test_the_interpolation_error_is_bounded_over_a_single_stretch_of_a_driving_base(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    look_at_whole_intervals(monkeypatch)
+    look_at_whole_intervals(monkeypatch, degree=4)
     informative = 0
     for seed, (speed, length) in enumerate(product((0.1, 1.0, 5.0), np.geomspace(0.01, 0.5, 12))):
         case = driving_case(seed, speed, np.array([length / max(speed, 1.0)]))

@@ -28,7 +28,8 @@ def stiff_machine() -> zs.Machine:
 
 def numbers(message: str) -> tuple[float, float]:
     found = re.search(
-        r"payload could be at most (\d+) kg, or the slope at most ([\d.]+) degrees", message
+        r"payload could be at most (\d+) kg, or the slope could be at most ([\d.]+) degrees",
+        message,
     )
     assert found is not None, message
     return float(found[1]), np.radians(float(found[2]))

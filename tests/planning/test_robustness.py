@@ -11,13 +11,9 @@ import pytest
 
 import zmp_sqp as zs
 from benchmarks.problems.paper import paper_scene
-from tests.checks import central_differences
 from zmp_sqp.arrays import Array
 from zmp_sqp.mechanics.uncertainty import leaning_corners
 from zmp_sqp.mechanics.wrench import ground_reaction
-from zmp_sqp.planning.program.formulation import bound_constraints, boundaries, path_bounds
-from zmp_sqp.planning.program.rows import StageRows
-from zmp_sqp.planning.program.transcription import Transcription
 
 START = np.array([0.0, -np.pi / 6, -2 * np.pi / 3, np.pi / 6, -np.pi / 2])
 GOAL = START + np.array([np.pi, 0.0, 0.0, 0.0, 0.0])
@@ -152,7 +148,7 @@ def test_the_certificate_names_the_worst_corner() -> None:
         zs.certify(corner.machine, plan.trajectory, corner.ground).margin
         for corner in plan.problem.corners(every=True)
     )
-    assert plan.margin == least
+    assert plan.margin == pytest.approx(least, abs=1e-5)
 
 
 def test_a_safer_problem_is_never_faster() -> None:
@@ -168,41 +164,6 @@ def test_a_safer_problem_is_never_faster() -> None:
     ]
     assert min(durations) >= durations[0] * (1.0 - 1e-6)
     assert demanding_plan().duration > durations[0] * 1.0001
-
-
-def test_derivatives_and_curvature_of_all_corners_at_once() -> None:
-    asked = problem(intervals=3, payload_uncertainty=0.2, slope_uncertainty=0.05)
-    start, goal = boundaries(asked)
-    nlp = Transcription(
-        StageRows(bound_constraints(asked), 5.0),
-        start,
-        goal,
-        path_bounds(asked),
-        intervals=3,
-    )
-    rng = np.random.default_rng(2)
-    x = nlp.pack(rng.normal(size=(3, 1, 5)), 20.0)
-    lin = nlp.linearize(x)
-    assert lin.basis is not None
-    Z = lin.basis.Z  # control points are derived where the gaps stay closed
-    slopes = central_differences(
-        lambda move: nlp.evaluate(x + Z @ move).inequalities, np.zeros(Z.shape[1])
-    )
-    np.testing.assert_allclose(lin.C @ Z, slopes, atol=1e-6 * max(1.0, float(np.abs(slopes).max())))
-    rows, n = nlp.rows, 5
-    at, weights = rng.normal(size=3 * n + 1), rng.normal(size=rows.count)
-    weights[:5] = 0.0  # a corner that does not matter
-    at[-1] = 20.0
-
-    def parts(y: Array) -> tuple[Array, Array, Array, float]:
-        return y[None, :n], y[None, n : 2 * n], y[None, 2 * n : -1], float(y[-1])
-
-    def gradient(y: Array) -> Array:
-        return weights @ rows.linearize(*parts(y))[1][0]
-
-    H = rows.curvature(*parts(at), weights[None])[0]
-    expected = central_differences(gradient, at)
-    np.testing.assert_allclose(H, expected, atol=1e-5 * float(np.abs(expected).max()))
 
 
 @pytest.mark.parametrize(
@@ -248,6 +209,9 @@ def test_without_a_payload_or_a_slope_there_is_nothing_to_be_uncertain_of() -> N
         zs.Problem(bare, START, GOAL, Level(), slope_uncertainty=0.1)
 
 
+REFUSED = r"the machine (tips over|misses the margin of 0\.1 m) at rest at the start"
+
+
 @pytest.mark.parametrize("roll", [-11.0, -13.0, -16.0])
 @pytest.mark.parametrize(
     "options", [{"slope_uncertainty": np.radians(2.0)}, {"tipping_fraction": 0.75}, {}]
@@ -266,14 +230,14 @@ def test_the_payload_and_the_slope_that_a_refusal_names_are_those_to_give(
             loaded, across, across, ground, margin=0.1, payload_com_uncertainty=0.1, **options
         )
 
-    with pytest.raises(zs.ProblemError, match="tips over at rest at the start") as refusal:
+    with pytest.raises(zs.ProblemError, match=REFUSED) as refusal:
         pose(6000.0, roll)
     mass = float(re.search(r"the payload could be at most (\d+) kg", str(refusal.value))[1])
     pose(mass, roll)
-    with pytest.raises(zs.ProblemError, match="tips over"):
+    with pytest.raises(zs.ProblemError, match=REFUSED):
         pose(1.01 * mass + 1.0, roll)
-    slope = re.search(r"the slope at most ([\d.]+) degrees", str(refusal.value))
+    slope = re.search(r"the slope could be at most ([\d.]+) degrees", str(refusal.value))
     if slope is not None:
         pose(6000.0, -float(slope[1]))
-        with pytest.raises(zs.ProblemError, match="tips over"):
+        with pytest.raises(zs.ProblemError, match=REFUSED):
             pose(6000.0, -float(slope[1]) - 0.2)

@@ -147,7 +147,7 @@ def test_bounds_that_let_the_joints_exceed_their_limits_are_no_success_and_say_w
     )
     assert plan.status is zs.Status.JOINT_LIMITS
     assert not plan.success
-    for words in ("joint limit", "tighten distance_limits"):
+    for words in ("velocity limit of joint 'stick'", "tighten distance_limits"):
         assert words in plan.message
     with pytest.raises(zs.NotSolved, match="tighten distance_limits"):
         _ = plan.trajectory

@@ -235,7 +235,7 @@ def test_tipping_over_at_rest_is_judged_by_the_slope_at_the_place() -> None:
     valley = zs.Heightmap(np.tile(0.0095 * y[:, None] ** 2, (1, 21)), 1.0, (-10.0, -40.0))
     lean = problem(valley, goal=(0.0, 15.0, 0.0)).gravity_at("goal")
     assert np.arctan2(-lean[1], -lean[2]) == pytest.approx(np.arctan(2.0 * 0.0095 * 15.0), abs=1e-9)
-    with pytest.raises(zs.ProblemError, match="tips over at rest at the goal"):
+    with pytest.raises(zs.ProblemError, match=r"misses the margin of 0\.5 m at rest at the goal"):
         # 34 degrees; at 16 there is half a metre left
         replace(problem(valley, goal=(0.0, 35.0, 0.0)), margin=0.5)
     replace(problem(valley, goal=(0.0, 15.0, 0.0)), margin=0.5)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from zmp_sqp.arrays import Array
+from zmp_sqp.arrays import Array, length_text
 from zmp_sqp.commands.console import (
     add_command,
     add_json_option,
@@ -17,6 +17,7 @@ from zmp_sqp.commands.console import (
     to_json,
     write_json,
 )
+from zmp_sqp.commands.constraint_options import add_constraint_option, constraints_of
 from zmp_sqp.commands.exit_codes import DONE, UNSAFE
 from zmp_sqp.commands.machine_options import (
     add_ground_options,
@@ -34,7 +35,9 @@ from zmp_sqp.mechanics.uncertainty import corners
 from zmp_sqp.planning import Certificate, Trajectory, UnicycleBase
 from zmp_sqp.planning.problem.unicycle_base import LIMITS
 from zmp_sqp.planning.proof.certificate import certify_at
-from zmp_sqp.planning.proof.words import spelled
+from zmp_sqp.planning.proof.words import broken_own, fault_of, limit_fault
+from zmp_sqp.scenario.path_constraints import kinds_in_words
+from zmp_sqp.show.guarantees import GUARANTEE_KEYS, guarantee_fields, guarantee_table
 from zmp_sqp.show.tables import key_table
 from zmp_sqp.versions import installed_versions
 
@@ -48,20 +51,20 @@ SHARES = np.linspace(0.0, 1.0, 11)  # of each interval, at which `MEASURES` are 
 MEASURES = {"load_transfer_ratio": max, "force_angle": min, "tip_over_energy": min}
 DESCRIPTION = """\
 Prove, for all t and not only at samples, how far the ZMP of a motion stays inside the support
-polygon, and whether the motion keeps the joint limits. The motion is a CSV file as
-`zmp-sqp plan --out` writes it: time, then JOINT.position, JOINT.velocity, JOINT.acceleration (and
-JOINT.jerk) of every joint.
+polygon, and whether the motion keeps the joint limits and the constraints of --constraint. The
+motion is a CSV file as `zmp-sqp plan --out` writes it: time, then JOINT.position, JOINT.velocity,
+JOINT.acceleration (and JOINT.jerk) of every joint.
 """
 EXAMPLES = r"""examples:
   zmp-sqp check feller_buncher out/paper_1/trajectory.csv --roll -20 \
       --payload 4000 --payload-frame head --payload-com 0 0 3.323 --point-masses
   zmp-sqp check feller_buncher drive.csv --base-limits 10 2 0.5 1 --slope-uncertainty 1
   zmp-sqp check my_crane.urdf motion.csv --roll 5 --pitch -3 --margin 0.2 \
-      --limits joint_limits.yaml
+      --limits joint_limits.yaml --constraint torque_limits:share=0.9
 """
-CHECK_KEYS = """\
+CHECK_KEYS = f"""\
 --json writes one object; SI units, null where there is no value:
-  safe                 whether margin and limits are guaranteed for all t
+  safe                 whether margin, limits and constraints are guaranteed
   margin               [m] guaranteed distance from the ZMP to the nearest edge; null if the
                        ground would have to pull, or if nothing is proven (see fault)
   required             [m] distance asked for by --margin
@@ -78,6 +81,7 @@ CHECK_KEYS = """\
   load_transfer_ratio  largest sampled value; 1 where one side carries nothing
   force_angle          [rad] least sampled value, Papadopoulos & Rey 1996
   tip_over_energy      [J] least sampled value, Messuri & Klein 1985 with inertial forces
+{GUARANTEE_KEYS}\
   versions             of zmp-sqp, Python and the packages that the result depends on
 load_transfer_ratio, force_angle and tip_over_energy ignore the uncertainties.
 """
@@ -95,7 +99,12 @@ def add_check(commands: Any) -> None:
         run_check,
         summary="certify an existing motion",
         description=DESCRIPTION,
-        notes=(EXAMPLES, f"shipped machines: {', '.join(shipped_machines())}\n", CHECK_KEYS),
+        notes=(
+            EXAMPLES,
+            f"shipped machines: {', '.join(shipped_machines())}\n",
+            kinds_in_words(),
+            CHECK_KEYS,
+        ),
     )
     command.add_argument(
         "urdf", metavar="URDF", help="the machine: a URDF file, or the name of a shipped one"
@@ -122,6 +131,7 @@ def add_check(commands: Any) -> None:
             "its heading, yaw rate and yaw acceleration"
         ),
     )
+    add_constraint_option(command)
     add_json_option(command)
 
 
@@ -131,13 +141,15 @@ def run_check(arguments: argparse.Namespace) -> int:
     trajectory = Trajectory.from_csv(arguments.trajectory, machine, ground)
     extremes = corners(machine, ground, **uncertainties_of(arguments), every=True)
     base = _base(arguments.base_limits, trajectory)
-    found = certify_at(extremes, trajectory, arguments.margin, base=base)
+    constraints = constraints_of(arguments)
+    found = certify_at(extremes, trajectory, arguments.margin, base=base, constraints=constraints)
     bounded = trajectory.base is None or base is not None
     result = _result(machine, trajectory, ground, found, bounded=bounded)
 
     console = make_console(arguments.json)
     console.print(f"{arguments.trajectory}: {machine.name}", style="bold", soft_wrap=True)
     console.print(_table(result))
+    console.print(guarantee_table(result["guarantees"]))
     console.print(_verdict(result), style=None if found.safe else "bold red", soft_wrap=True)
     write_json(to_json(result), arguments.json, console)
     return DONE if found.safe else UNSAFE
@@ -194,6 +206,7 @@ def _result(
         "duration": trajectory.duration,
         "gap": found.gap if bounded else None,
         **_measures(machine, trajectory, ground),
+        "guarantees": guarantee_fields(found.guarantees),
         "versions": installed_versions(),
     }
 
@@ -240,8 +253,12 @@ def _table(result: Mapping[str, Any]) -> Table:
 
 def _verdict(result: Mapping[str, Any]) -> str:
     """One sentence: safe, or what is not."""
+    if not result["safe"]:
+        return f"Not safe: {result['fault']}."
     worst = f"; the margin is least with {result['corner']}" if result["corner"] else ""
-    return f"Safe at all times{worst}." if result["safe"] else f"Not safe: {result['fault']}."
+    sampled = [found["name"] for found in result["guarantees"] if not found["proven"]]
+    but = f"; not proven, but safe at 2000 samples a second: {', '.join(sampled)}"
+    return f"Safe at all times{worst}{but if sampled else ''}."
 
 
 def _faults(found: Certificate, edge: str) -> list[str]:
@@ -257,10 +274,10 @@ def _faults(found: Certificate, edge: str) -> list[str]:
     elif found.margin < required:
         kept = " less the margin" if found.required else ""
         leaves = "leaves" if found.sampled < required else "may leave"
-        short = spelled(required - found.margin)
+        short = length_text(required - found.margin)
         reasons.append(
             f"at {found.margin_at:.2f} s the ZMP {leaves} the {edge} edge{kept} by {short}{extreme}"
         )
-    if not found.limits_ok:
-        reasons.append(f"the motion {found.fault}")
-    return reasons
+    faults = [fault_of(broken) for broken in broken_own(found.guarantees)]
+    faults += filter(None, [limit_fault(found.guarantees)])
+    return reasons + [f"the motion {fault}" for fault in faults]

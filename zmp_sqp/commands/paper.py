@@ -79,9 +79,9 @@ def add_paper(commands: Any) -> None:
     add_json_option(command)
     command.add_argument(
         "--qp-solver",
-        default="proxqp",
+        default="auto",
         metavar="NAME",
-        help="QP solver of the tests (default: proxqp)",
+        help="QP solver of the tests (default: auto)",
     )
     command.add_argument(
         "--repeats",
@@ -106,7 +106,7 @@ def _count(text: str) -> int:
 
 def paper_result(
     *,
-    qp_solver: str = "proxqp",
+    qp_solver: str = "auto",
     repeats: int = 5,
     rungs: tuple[tuple[float, float], ...] = RUNGS,
     step: Callable[[str], None] = lambda _: None,

@@ -23,7 +23,10 @@ from zmp_sqp.commands.console import (
 )
 from zmp_sqp.commands.exit_codes import DONE, UNSAFE
 from zmp_sqp.planning import Plan, Problem, Trajectory, diagnose, phase_plane, plan
+from zmp_sqp.planning.problem.checks import AUTO
 from zmp_sqp.scenario import load_scenario
+from zmp_sqp.scenario.path_constraints import kinds_in_words
+from zmp_sqp.show.guarantees import guarantee_table
 from zmp_sqp.show.joint_plots import joint_unit, plot_joints
 from zmp_sqp.show.results import RESULT_KEYS, make_result
 from zmp_sqp.show.tables import history_table, joint_table, summary_table
@@ -69,6 +72,8 @@ radians; paths are relative to the file:
                       payload_uncertainty (share of the payload's mass and inertia: 0.1 is 10 %),
                       payload_com_uncertainty [m] (one number, or one per axis of its frame),
                       slope_uncertainty_deg (error of the direction of gravity)
+  [[constraints]]     what the motion keeps beside tip-over and joint limits, one table each:
+                      type (a known constraint), and that constraint's keys
 """
 
 
@@ -85,7 +90,7 @@ def add_plan(commands: Any, shipped: str) -> None:
         run_plan,
         summary="plan the motion of a scenario",
         description=DESCRIPTION,
-        notes=(EXAMPLES, shipped, SCENARIO_KEYS, RESULT_KEYS),
+        notes=(EXAMPLES, shipped, SCENARIO_KEYS, kinds_in_words(), RESULT_KEYS),
     )
     command.add_argument(
         "scenario", metavar="SCENARIO", help="a scenario file (TOML), or the name of a shipped one"
@@ -98,13 +103,13 @@ def _add_planning_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--qp-solver",
         metavar="NAME",
-        help="proxqp, piqp or qpsolvers:NAME (default: the scenario's)",
+        help="auto, piqp, proxqp or qpsolvers:NAME (default: the scenario's)",
     )
     command.add_argument(
         "--intervals",
-        type=int,
+        type=_intervals,
         metavar="N",
-        help="number of intervals of the time grid (default: the scenario's)",
+        help="number of intervals of the time grid, or auto (default: the scenario's)",
     )
     command.add_argument(
         "--margin",
@@ -129,6 +134,10 @@ def _add_output_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--verbose", action="store_true", help="print every SQP iteration")
 
 
+def _intervals(text: str) -> int | str:
+    return text if text == AUTO else int(text)
+
+
 def run_plan(arguments: argparse.Namespace) -> int:
     """Plan, print and write; returns the exit code."""
     scenario = load_scenario(arguments.scenario)
@@ -148,6 +157,7 @@ def run_plan(arguments: argparse.Namespace) -> int:
     if arguments.verbose:
         console.print(history_table(found))
     console.print(summary_table(result))
+    console.print(guarantee_table(result["guarantees"]))
     if found.success:
         console.print(joint_table(result, joint_unit(problem.machine)))
     elif arguments.diagnosis:

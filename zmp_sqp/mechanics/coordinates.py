@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -24,10 +24,16 @@ class Coordinates:
     Attributes:
         origin: Joint coordinates q_0 at y = 0, shape (n,) [rad or m].
         G: Constant Jacobian dq/dy with at most one nonzero entry per row, shape (n, m).
+        is_identity: Whether the coordinates are the joint coordinates.
     """
 
     origin: Array
     G: Array
+    is_identity: bool = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        one = self.G.shape[0] == self.G.shape[1] and np.array_equal(self.G, np.eye(len(self.G)))
+        object.__setattr__(self, "is_identity", bool(one and not self.origin.any()))
 
     @classmethod
     def identity(cls, size: int) -> Coordinates:
@@ -41,11 +47,11 @@ class Coordinates:
 
     def joints(self, y: Array) -> Array:
         """Joint coordinates q of coordinates y (..., m), shape (..., n) [rad or m]."""
-        return np.asarray(self.origin + y @ self.G.T)
+        return y if self.is_identity else np.asarray(self.origin + y @ self.G.T)
 
     def rates(self, w: Array) -> Array:
         """Joint rates G w of coordinate rates w (..., m), or accelerations; shape (..., n)."""
-        return np.asarray(w @ self.G.T)
+        return w if self.is_identity else np.asarray(w @ self.G.T)
 
     def coordinates_of(self, q: Array) -> Array:
         """Coordinates y of joint coordinates q (n,) in the range of the map, shape (m,)."""

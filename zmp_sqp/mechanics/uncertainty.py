@@ -110,8 +110,9 @@ def corners(
     grounds = _leaning_grounds(ground, slope_uncertainty, every=every)
     square = float(box @ box)
     return tuple(
-        Corner(load, plane, _joined(heavy, leaning), load.payload_mass * square)
+        Corner(load, plane, _joined(heavy, leaning), spread)
         for load, heavy in loads
+        for spread in [load.payload_mass * square]
         for plane, leaning in grounds
     )
 

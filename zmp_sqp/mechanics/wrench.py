@@ -1,8 +1,15 @@
-"""Inverse dynamics of the whole machine: ground reaction wrench and joint efforts, with derivatives."""
+"""Inverse dynamics of the machine: ground reaction wrench and joint efforts, with derivatives.
+
+"Efforts" are the rows of inverse dynamics: the ground reaction wrench, and the torque or force of
+each joint.
+"""
 
 from __future__ import annotations
 
+import threading
+from collections import OrderedDict
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -20,37 +27,62 @@ __all__ = [
     "ground_reaction_derivatives",
 ]
 
-WRENCH = 6  # rows of the ground reaction wrench; the joints' own rows follow
+WRENCH = 6  # number of rows of the ground reaction wrench; those of the joints follow
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EffortDerivatives:
-    """Efforts of inverse dynamics at K states with their first derivatives.
+    """Efforts at K states with their first derivatives.
 
-    The first six rows are the ground reaction wrench (f, tau) about the root origin in root axes
-    [N, N m]. Where joint efforts were asked for, n rows follow: the torque of each revolute joint
-    [N m] and the force of each prismatic one [N].
+    The first six rows are the ground reaction wrench (f, tau) about the root origin, root axes
+    [N, N m]. If joint efforts are included, n rows follow: the torque of each revolute joint [N m],
+    the force of each prismatic joint [N].
 
     Attributes:
         effort: Shape (K, R) with R = 6 or 6 + n.
-        wrt_position: Derivatives by the joint coordinates, shape (K, R, n).
-        wrt_velocity: Derivatives by (root twist, joint rates), shape (K, R, 6 + n).
-        wrt_acceleration: Derivatives by (spatial acceleration of the root, joint accelerations),
-            shape (K, R, 6 + n).
+        by_q, by_v, by_a: Derivatives by Pinocchio's coordinates, rates and accelerations, shape
+            (K, R, nv) each.
+        joints: Their columns of the planned joints.
     """
 
     effort: Array
-    wrt_position: Array
-    wrt_velocity: Array
-    wrt_acceleration: Array
+    by_q: Array
+    by_v: Array
+    by_a: Array
+    joints: Any
+
+    @property
+    def wrt_position(self) -> Array:
+        """Derivatives by the joint coordinates, shape (K, R, n)."""
+        return np.asarray(self.by_q[:, :, self.joints])
+
+    @property
+    def wrt_rate(self) -> Array:
+        """Derivatives by the joint rates, shape (K, R, n)."""
+        return np.asarray(self.by_v[:, :, self.joints])
+
+    @property
+    def wrt_joint_acceleration(self) -> Array:
+        """Derivatives by the joint accelerations, shape (K, R, n)."""
+        return np.asarray(self.by_a[:, :, self.joints])
+
+    @property
+    def wrt_velocity(self) -> Array:
+        """Derivatives by (root twist, joint rates), shape (K, R, 6 + n)."""
+        return np.concatenate([self.by_v[:, :, :WRENCH], self.wrt_rate], axis=2)
+
+    @property
+    def wrt_acceleration(self) -> Array:
+        """Derivatives by (spatial acceleration of the root, joint accelerations), (K, R, 6 + n)."""
+        return np.concatenate([self.by_a[:, :, :WRENCH], self.wrt_joint_acceleration], axis=2)
 
     @property
     def wrench(self) -> Array:
-        """Ground reaction wrench (f, tau) about the root origin, root axes, shape (K, 6)."""
+        """Ground reaction wrench (f, tau) about the root origin, root axes, (K, 6) [N, N m]."""
         return self.effort[:, :WRENCH]
 
 
-WrenchDerivatives = EffortDerivatives  # its name where only the wrench is asked for
+WrenchDerivatives = EffortDerivatives  # without joint efforts, R = 6
 
 
 def ground_reaction(
@@ -62,18 +94,19 @@ def ground_reaction(
     root_acceleration: Array,
     root_velocity: Array | None = None,
 ) -> Array:
-    r"""Wrench that the ground exerts on the machine, the first six rows of its inverse dynamics.
+    r"""Wrench that the ground exerts on the machine: the first six rows of inverse dynamics.
 
-    .. math:: (f, \tau) = [M(\bar q) \bar a + h(\bar q, \bar v)]_{1..6}, \quad
-              \bar a_{root} = a_{root} - g
+    .. math:: (f, \tau) = [M(q) \bar a + h(q, \bar v)]_{1..6}, \quad
+              \bar v = (v_{root}, v), \quad \bar a = (a_{root} - g, a)
 
-    For point masses the zero moment point of this wrench is eq. (5) of Song & Sharf 2020. Gravity is
-    an acceleration of the root, so that scaling the first three entries of `root_acceleration`
-    scales gravity.
+    with the mass matrix M and the velocity-dependent forces h of the free-floating machine. Gravity
+    enters as an acceleration of the root, so that scaling the first three entries of
+    `root_acceleration` scales gravity. For point masses, the zero moment point of this wrench is
+    eq. (5) of Song & Sharf 2020.
 
     Args:
         machine: The machine.
-        q, v, a: Joint coordinates, rates, accelerations, shape (K, n) each [rad, s].
+        q, v, a: Joint coordinates, rates, accelerations, shape (K, n) each [rad or m, s].
         root_acceleration: Spatial acceleration of the root minus gravity, root frame, shape (6,) or
             (K, 6) [m/s^2, rad/s^2].
         root_velocity: Twist of the root, root frame, shape (6,) or (K, 6) [m/s, rad/s]; None for a
@@ -103,32 +136,32 @@ def efforts(
     root_velocity: Array | None = None,
     joints: bool = True,
 ) -> Array:
-    r"""Ground reaction wrench and joint efforts, all rows of the machine's inverse dynamics.
+    r"""Ground reaction wrench and joint efforts: all rows of inverse dynamics.
 
-    .. math:: e = M(\bar q) \bar a + h(\bar q, \bar v), \quad \bar a_{root} = a_{root} - g
+    .. math:: e = M(q) \bar a + h(q, \bar v), \quad
+              \bar v = (v_{root}, v), \quad \bar a = (a_{root} - g, a)
+
+    with the mass matrix M and the velocity-dependent forces h of the free-floating machine.
 
     Args:
         machine: The machine.
-        q, v, a: Joint coordinates, rates, accelerations, shape (K, n) each [rad, s].
+        q, v, a: Joint coordinates, rates, accelerations, shape (K, n) each [rad or m, s].
         root_acceleration: Spatial acceleration of the root minus gravity, root frame, shape (6,) or
             (K, 6) [m/s^2, rad/s^2].
         root_velocity: Twist of the root, root frame, shape (6,) or (K, 6) [m/s, rad/s]; None for a
             root that stands still.
-        joints: Whether the joints' own rows follow the wrench.
+        joints: Whether the rows of the joints follow those of the wrench.
 
     Returns:
-        Wrench (f, tau) about the root origin in root axes, then the torque or force of each joint,
-        shape (K, 6 + n), or (K, 6) without the joints [N m, N].
+        Wrench (f, tau) about the root origin, root axes, then the torque or force of each joint,
+        shape (K, 6 + n), or (K, 6) without joints [N, N m].
     """
     states = _stack(machine, q, v, a, root_velocity, root_acceleration)
+    found = np.empty((len(states[0]), machine.model.nv))
+    # one thread; arrays are passed as the columns that Pinocchio expects, without a copy
+    pin.rneaInParallel(1, _workspace(machine.model).pool, *(part.T for part in states), found.T)
     rows = _rows(machine, joints)
-    model, data = machine.model, machine.model.createData()
-    found = np.empty((len(states[0]), WRENCH if rows is None else len(rows)))
-    rnea = pin.rnea
-    for row, (one_q, one_v, one_a) in enumerate(zip(*states, strict=True)):
-        all_rows = rnea(model, data, one_q, one_v, one_a)
-        found[row] = all_rows[:WRENCH] if rows is None else all_rows[rows]
-    return found
+    return found[:, :WRENCH] if rows is None else found[:, rows]
 
 
 def ground_reaction_derivatives(
@@ -140,10 +173,10 @@ def ground_reaction_derivatives(
     root_acceleration: Array,
     root_velocity: Array | None = None,
 ) -> EffortDerivatives:
-    """Ground reaction wrench with its analytic first derivatives: `effort_derivatives`, R = 6.
+    """Ground reaction wrench with its analytic first derivatives, R = 6 rows.
 
     Args:
-        machine, q, v, a, root_acceleration, root_velocity: Arguments of `efforts`.
+        machine, q, v, a, root_acceleration, root_velocity: Arguments of `ground_reaction`.
     """
     return effort_derivatives(
         machine,
@@ -166,42 +199,82 @@ def effort_derivatives(
     root_velocity: Array | None = None,
     joints: bool = True,
 ) -> EffortDerivatives:
-    """Efforts of inverse dynamics with their analytic first derivatives.
+    """Ground reaction wrench and joint efforts with their analytic first derivatives.
 
-    The pose of the root is no argument: in the root frame the efforts depend on it only through
-    gravity, which is part of `root_acceleration`.
+    The pose of the root is not an argument: in the root frame, efforts depend on that pose only
+    through gravity, which is part of `root_acceleration`.
 
     Args:
         machine, q, v, a, root_acceleration, root_velocity, joints: Arguments of `efforts`.
     """
     states = _stack(machine, q, v, a, root_velocity, root_acceleration)
     rows = _rows(machine, joints)
-    pick = slice(0, WRENCH) if rows is None else rows
-    model, data = machine.model, machine.model.createData()
-    count, size = len(states[0]), WRENCH if rows is None else len(rows)
+    model, data = machine.model, _workspace(machine.model).data
+    count, size, nv = len(states[0]), WRENCH if rows is None else len(rows), model.nv
     effort = np.empty((count, size))
-    by_q, by_v = np.empty((2, count, size, model.nv))
-    by_a = np.empty((count, size if rows is None else model.nv, model.nv))
+    by_q, by_v = np.empty((2, count, size, nv))
+    by_a = np.empty((count, WRENCH if rows is None else nv, nv))
     differentiate = pin.computeRNEADerivatives
-    # views of the memory that Pinocchio writes into
+    # views of the memory that Pinocchio writes into; M's lower triangle stays empty
     tau, dtau_dq, dtau_dv, mass = data.tau, data.dtau_dq, data.dtau_dv, data.M
+    if rows is None:
+        tau, dtau_dq, dtau_dv = tau[:WRENCH], dtau_dq[:WRENCH], dtau_dv[:WRENCH]
+        mass = mass[:WRENCH]
     for row, (one_q, one_v, one_a) in enumerate(zip(*states, strict=True)):
         differentiate(model, data, one_q, one_v, one_a)
-        effort[row] = tau[pick]
-        by_q[row] = dtau_dq[pick]
-        by_v[row] = dtau_dv[pick]
-        by_a[row] = mass[: by_a.shape[1]]
+        effort[row] = tau if rows is None else tau[rows]
+        by_q[row] = dtau_dq if rows is None else dtau_dq[rows]
+        by_v[row] = dtau_dv if rows is None else dtau_dv[rows]
+        by_a[row] = mass
     lower = np.tril_indices(by_a.shape[1], -1)
-    by_a[:, lower[0], lower[1]] = by_a[:, lower[1], lower[0]]  # Pinocchio fills M's upper triangle
+    by_a[:, lower[0], lower[1]] = by_a[:, lower[1], lower[0]]
     if rows is not None:
         by_a = by_a[:, rows]
-    columns = np.concatenate([np.arange(WRENCH), machine.index_v])
-    by_joints = by_q[:, :, machine.index_v]
-    return EffortDerivatives(effort, by_joints, by_v[:, :, columns], by_a[:, :, columns])
+    return EffortDerivatives(effort, by_q, by_v, by_a, _columns(machine))
+
+
+@dataclass(frozen=True, slots=True)
+class _Workspace:
+    """Memory of Pinocchio for one model."""
+
+    model: Any
+    data: Any
+    pool: Any
+
+
+class _Workspaces(threading.local):
+    """The latest workspaces of a thread: threads must not share them."""
+
+    def __init__(self) -> None:
+        self.latest: OrderedDict[int, _Workspace] = OrderedDict()
+
+
+MOST_WORKSPACES = 64  # per thread; a problem with uncertain payloads has a model for each of them
+_WORKSPACES = _Workspaces()
+
+
+def _workspace(model: Any) -> _Workspace:
+    """Memory for a model, made once per thread."""
+    latest = _WORKSPACES.latest
+    found = latest.get(id(model))
+    if found is None:  # holding the model keeps its identity from being reused
+        found = latest[id(model)] = _Workspace(model, model.createData(), pin.ModelPool(model, 1))
+        if len(latest) > MOST_WORKSPACES:
+            latest.popitem(last=False)
+    else:
+        latest.move_to_end(id(model))
+    return found
+
+
+def _columns(machine: Machine) -> Any:
+    """Columns of the planned joints in Pinocchio's rates: a slice where they are in order."""
+    index = machine.index_v
+    in_order = np.array_equal(index, np.arange(WRENCH, WRENCH + len(index)))
+    return slice(WRENCH, WRENCH + len(index)) if in_order else index
 
 
 def _rows(machine: Machine, joints: bool) -> Indices | None:
-    """Rows of Pinocchio's tau: the wrench, then the planned joints; None for the wrench alone."""
+    """Rows of Pinocchio's tau for wrench and joints, shape (6 + n,); None for the wrench alone."""
     return np.concatenate([np.arange(WRENCH), machine.index_v]) if joints else None
 
 
@@ -213,7 +286,7 @@ def _stack(
     root_velocity: Array | None,
     root_acceleration: Array,
 ) -> tuple[Array, Array, Array]:
-    """Pinocchio's configurations, velocities and accelerations, shape (K, nq), (K, nv), (K, nv)."""
+    """States as Pinocchio takes them: q (K, nq), v (K, nv) and a (K, nv), the root first."""
     velocity, acceleration = np.zeros((2, len(q), machine.model.nv))
     velocity[:, machine.index_v] = v
     acceleration[:, machine.index_v] = a

@@ -14,9 +14,11 @@ __all__ = [
     "grid_profile",
     "minimum_time",
     "slowest_minimum_time",
+    "timed_motion",
 ]
 
 ROUNDING = 1e-9  # [rad or m] difference of two distances that counts as rounding
+BISECTIONS = 60
 SMALLEST = 1e-150  # added to, or least value of, denominators that may be zero
 
 
@@ -109,6 +111,59 @@ def slowest_minimum_time(
         ).duration
         for d, v, a, v0, v1 in rows
     )
+
+
+def timed_motion(
+    distance: float,
+    duration: float,
+    *,
+    max_velocity: float,
+    max_acceleration: float,
+    start_velocity: float = 0.0,
+    goal_velocity: float = 0.0,
+) -> tuple[Array, Array] | None:
+    r"""Motion of one double integrator that takes a given time, with its largest acceleration.
+
+    It goes from the start rate to a coasting rate p, coasts, and goes to the goal rate. It covers
+
+    .. math:: D(p) = \frac{v_0 + p}{2} t_1 + p\, t_2 + \frac{p + v_1}{2} t_3, \quad
+              t_1 = |p - v_0| / a, \; t_3 = |v_1 - p| / a, \; t_2 = T - t_1 - t_3
+
+    grows with p as long as there is time to coast, dD/dp = t_2, so that p is found by bisection.
+
+    Args:
+        distance: Signed displacement [rad or m].
+        duration: T [s].
+        max_velocity, max_acceleration: Limits v and a.
+        start_velocity, goal_velocity: Rates at both ends, within the rate limit.
+
+    Returns:
+        Durations of the three phases [s] and their accelerations, shape (3,) each; None if no such
+        motion takes just this time.
+    """
+    v0, v1, a = start_velocity, goal_velocity, max_acceleration
+    spare = duration - abs(v1 - v0) / a
+    if spare < 0.0:
+        return None
+    lowest = max(min(v0, v1) - 0.5 * a * spare, -max_velocity)
+    highest = min(max(v0, v1) + 0.5 * a * spare, max_velocity)
+
+    def covered(peak: float) -> float:
+        first, last = abs(peak - v0) / a, abs(v1 - peak) / a
+        coast = duration - first - last
+        return 0.5 * (v0 + peak) * first + peak * coast + 0.5 * (peak + v1) * last
+
+    short, long = covered(lowest), covered(highest)
+    slack = ROUNDING * max(1.0, abs(distance))
+    if not short - slack <= distance <= long + slack:
+        return None
+    for _ in range(BISECTIONS):
+        peak = 0.5 * (lowest + highest)
+        lowest, highest = (peak, highest) if covered(peak) < distance else (lowest, peak)
+    peak = 0.5 * (lowest + highest)
+    first, last = abs(peak - v0) / a, abs(v1 - peak) / a
+    phases = np.array([first, max(duration - first - last, 0.0), last])
+    return phases, np.array([np.sign(peak - v0) * a, 0.0, np.sign(v1 - peak) * a])
 
 
 def grid_minimum_time(

@@ -39,7 +39,7 @@ SHARES = np.linspace(1e-9, 1.0 - 1e-9, 10)
 NO_SLOWER = 1e-3  # relative difference of durations that different time grids explain
 
 
-def run_driving(*, qp_solver: str = "proxqp") -> list[dict[str, Any]]:
+def run_driving(*, qp_solver: str = "auto") -> list[dict[str, Any]]:
     """Plan test 2 with the base backing up by each of `DISTANCES`, in two steps and in one program.
 
     In two steps, the arm is planned first, with the full and with the simplified model.

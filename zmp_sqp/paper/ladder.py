@@ -44,7 +44,7 @@ def ladder(
     Yields:
         One object per rung and model, ready for JSON: payload, boom_deg, reach (horizontal distance
         of the head from the slew axis [m]), model, and the numbers of `time_plan`. If the problem
-        is refused, `status` is "refused" and `message` the reason.
+        is refused, `status` is "refused"; `message` and `reason` say why.
     """
     for payload, boom in rungs:
         machine, start = rung_machine(payload), rung_pose(boom)
@@ -63,6 +63,7 @@ def ladder(
                         "success": False,
                         "status": "refused",
                         "message": str(refused),
+                        "reason": str(refused),
                     }
                     | nothing
                 )

@@ -10,12 +10,14 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from zmp_sqp.arrays import length_text
 from zmp_sqp.errors import ContactLost, ProblemError
 from zmp_sqp.mechanics import Machine, SupportPolygon, load_machine
 from zmp_sqp.planning import Plan, Problem, Trajectory, phase_plane, plan
 from zmp_sqp.planning.closed_forms.base_bound import moving_base_zmp, plan_base
 from zmp_sqp.planning.closed_forms.base_motion import BaseMotion, asymmetric_profile
 from zmp_sqp.planning.closed_forms.slew import analytic_slew
+from zmp_sqp.planning.constraints.tip_over import edge_label
 from zmp_sqp.scenario import load_scenario
 from zmp_sqp.show.results import plan_fields
 
@@ -105,7 +107,8 @@ def time_plan(problem: Problem, *, qp_solver: str, repeats: int) -> tuple[Plan, 
         repeats: Number of plans; times are medians over them.
 
     Returns:
-        The last plan, and its numbers ready for JSON: those of `plan_fields`, time (wall time [s]),
+        The last plan, and its numbers ready for JSON: those of `plan_fields`, reason (why there is
+        no motion, for a table; empty with success), time (wall time [s]),
         F (`derivative_time`, measured before each plan [s]) and time_in_F (CPU time over F, which
         other programs on the computer disturb less than wall time).
     """
@@ -119,14 +122,28 @@ def time_plan(problem: Problem, *, qp_solver: str, repeats: int) -> tuple[Plan, 
         bare.append(unit)
     return found, {
         **plan_fields(found),
+        "reason": _reason(found),
         "time": float(np.median(seconds)),
         "time_in_F": float(np.median(units)),
         "F": float(np.median(bare)),
     }
 
 
+def _reason(found: Plan) -> str:
+    """What is wrong with the last motion, for a table; empty with success."""
+    problem, checked = found.problem, found.certificate
+    if found.success:
+        return ""
+    support = problem.machine.support
+    if support is None or checked.margin >= problem.margin:
+        return found.status.name.lower()
+    if not np.isfinite(checked.margin):
+        return "lifts off"
+    return f"{edge_label(support, checked.edge)} by {length_text(problem.margin - checked.margin)}"
+
+
 def run_test(
-    name: str, *, qp_solver: str = "proxqp", repeats: int = 5
+    name: str, *, qp_solver: str = "auto", repeats: int = 5
 ) -> tuple[dict[str, Any], Motions]:
     """Plan one of `TESTS` with both models and the phase-plane method, in test 2 with the base.
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -24,8 +23,6 @@ __all__ = [
 
 REASON = "why not"  # head of the column with reasons
 INSIDE = -1e-6  # [m] rounding of a margin of zero
-# sentence of a plan's message about the edge that the ZMP leaves, and by how much
-LEFT = re.compile(r"the ZMP would leave the (?P<edge>\S+) edge.* by (?P<distance>\S+) m")
 
 
 class Sheet(NamedTuple):
@@ -144,9 +141,7 @@ def _base_sheet(tests: Iterable[Mapping[str, Any]]) -> Sheet:
         if run.get("blind"):
             name, bound, share = "phase plane, blind", "-", "-"
         elif not run["success"]:
-            rows.append(
-                ("eq. (21)", f"{-run['distance']:g}", "-", "-", "-", _short(run["message"]))
-            )
+            rows.append(("eq. (21)", f"{-run['distance']:g}", "-", "-", "-", run["message"]))
             continue
         else:
             name, bound, share = (
@@ -253,7 +248,7 @@ def ladder_sheet(rungs: Iterable[Mapping[str, Any]]) -> Sheet:
             if rung["time"] is None
             else (str(rung["iterations"]), _milliseconds(rung), f"{rung['time_in_F']:.0f}")
         )
-        rows.append((*where, *found, *cost, "" if rung["success"] else _short(rung["message"])))
+        rows.append((*where, *found, *cost, "" if rung["success"] else rung["reason"]))
     columns = (
         "payload [t]",
         "reach [m]",
@@ -344,11 +339,3 @@ def _whether(motion: Mapping[str, Any]) -> str:
         if margin >= INSIDE
         else f"leaves by {-margin:.3f} m"
     )
-
-
-def _short(reason: str) -> str:
-    """Part of a message that fits a table: the edge left by the ZMP, or the first clause."""
-    if attempt := LEFT.search(reason):
-        return f"{attempt['edge']} edge by {attempt['distance']} m"
-    words = reason.partition(": ")[2] if reason.startswith("Not solved: ") else reason
-    return words.partition(";")[0].partition(":")[0].removeprefix("the machine ").rstrip(".")

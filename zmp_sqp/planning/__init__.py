@@ -1,4 +1,4 @@
-"""From a problem to a plan: transcription in normalised time, SQP, trajectory, baseline."""
+"""Minimum-time motion planning: problem, nonlinear program, search, proof, closed forms."""
 
 from zmp_sqp.mechanics.lumped_mass import LumpedMass, simplified_coordinates
 from zmp_sqp.motion.root_motion import trajectory_zmp

@@ -15,13 +15,14 @@ from zmp_sqp.arrays import Array
 from zmp_sqp.errors import ScenarioError, ZmpSqpError
 from zmp_sqp.mechanics import Machine, shipped_machines
 from zmp_sqp.planning import Problem, UnicycleBase
+from zmp_sqp.scenario.path_constraints import build_constraints
 from zmp_sqp.scenario.scene import DEGREES, build_ground, build_machine, build_uncertainties
 from zmp_sqp.scenario.schema import JOINT_KEYS, SCHEMA, check_table, did_you_mean
 
 __all__ = ["SHIPPED", "Scenario", "load_scenario", "shipped_scenarios", "sliding_joints"]
 
 SHIPPED = Path(__file__).parents[1] / "scenarios"
-DEFAULT_QP_SOLVER = "proxqp"
+DEFAULT_QP_SOLVER = "auto"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,8 +121,17 @@ def _build_problem(content: Mapping[str, Any], folder: Path) -> Problem:
     settings = {key: plan[key] for key in ("model", "intervals", "margin") if key in plan}
     with _blame("base"):
         base = UnicycleBase(**content["base"]) if "base" in content else None
+    constraints = build_constraints(content.get("constraints", ()))
     # no _blame: Problem names the quantity at fault itself
-    return Problem(machine, ground=ground, base=base, **motion, **settings, **uncertainties)
+    return Problem(
+        machine,
+        ground=ground,
+        base=base,
+        constraints=constraints,
+        **motion,
+        **settings,
+        **uncertainties,
+    )
 
 
 def _check_name(name: str | None) -> None:

@@ -83,13 +83,15 @@ def build_uncertainties(
         ProblemError: A value is out of range; the message gives the range in the key's unit.
     """
     found: dict[str, Any] = {}
-    for name, *bounds in UNCERTAINTIES:
+    for name, least, most, _ in UNCERTAINTIES:
         in_degrees = name not in PLAN.keys
         key = f"{name}{DEGREES}" if in_degrees else name
         if key not in table:
             continue
         value = table[key]
-        lower, upper = (float(np.rad2deg(bound)) if in_degrees else bound for bound in bounds)
+        lower, upper = (
+            float(np.rad2deg(bound)) if in_degrees else bound for bound in (least, most)
+        )
         if not lower <= value <= upper:
             unit = " degrees" if in_degrees else ""
             raise ProblemError(

@@ -9,6 +9,7 @@ from math import isfinite
 from typing import Any
 
 from zmp_sqp.errors import ScenarioError
+from zmp_sqp.planning.problem.checks import AUTO
 
 __all__ = ["HEIGHTMAP", "JOINT_KEYS", "PAYLOAD", "PLAN", "SCHEMA", "check_table", "did_you_mean"]
 
@@ -62,6 +63,7 @@ NUMBERS = Value(
     "a list of finite numbers, one per joint", lambda value: _is_list(value, _is_number)
 )
 INTEGER = Value("a whole number", lambda value: type(value) is int)
+INTERVALS = Value('a whole number or "auto"', lambda value: value == AUTO or type(value) is int)
 TEXT = Value("a string in quotes", lambda value: isinstance(value, str))
 TEXTS = Value("a list of strings", lambda value: _is_list(value, TEXT.accepts))
 FLAG = Value("true or false", lambda value: isinstance(value, bool))
@@ -76,6 +78,10 @@ HALF_SIDES = Value(
     lambda value: _is_number(value) or POINT.accepts(value),
 )
 MATRIX = Value("3 rows of 3 finite numbers", lambda value: _is_list(value, POINT.accepts, 3))
+TABLES = Value(
+    "tables, one under each line [[constraints]]",
+    lambda value: _is_list(value, lambda entry: isinstance(entry, dict)),
+)
 POINTS = Value(
     "a list of points [x, y] of finite numbers",
     lambda value: _is_list(value, PAIR.accepts),
@@ -130,7 +136,7 @@ BASE = Table(
 PLAN = Table(
     {
         "model": TEXT,
-        "intervals": INTEGER,
+        "intervals": INTERVALS,
         "margin": NUMBER,
         "qp_solver": TEXT,
         "payload_com_uncertainty": HALF_SIDES,
@@ -146,6 +152,7 @@ SCHEMA = Table(
         "ground": GROUND,
         "motion": MOTION,
         "base": BASE,
+        "constraints": TABLES,  # their keys depend on their types, see `path_constraints`
         "plan": PLAN,
     },
     required=("machine", "motion"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -11,11 +12,12 @@ from zmp_sqp.mechanics import stability_margin
 from zmp_sqp.planning import Plan, Problem, Trajectory
 from zmp_sqp.scenario import Scenario
 from zmp_sqp.show.canvas import sample_times
+from zmp_sqp.show.guarantees import GUARANTEE_KEYS, guarantee_fields
 from zmp_sqp.versions import installed_versions
 
 __all__ = ["RESULT_KEYS", "make_result", "plan_fields"]
 
-RESULT_KEYS = """\
+RESULT_KEYS = f"""\
 --json writes one object; SI units, null where there is no value:
   scenario, title           name and title of the scenario
   success, status, message  whether a motion was found; if not, why
@@ -23,8 +25,10 @@ RESULT_KEYS = """\
   margin                    [m] least distance from the ZMP to an edge; negative outside
   iterations                number of SQP iterations
   qp_solver                 name of the QP solver, as given
+  runs                      of the search: purpose, intervals, backend, iterations, status,
+                            duration [s]
   corner                    payload and slope for which the margin is least, or empty
-  solve_time                [s] planning time
+{GUARANTEE_KEYS}  solve_time                [s] planning time
   phase_plane               duration and margin of the phase-plane baseline, which ignores the
                             ZMP; null if start or goal is in motion, or if the base drives
   diagnosis                 if no motion was found: largest_payload [kg], steepest_slope [rad]
@@ -45,6 +49,7 @@ def plan_fields(found: Plan) -> dict[str, Any]:
         "margin": found.margin if found.success else None,
         "iterations": found.iterations,
         "qp_solver": found.qp_solver,
+        "runs": [asdict(run) for run in found.runs],
     }
 
 
@@ -61,6 +66,7 @@ def make_result(scenario: Scenario, found: Plan, baseline: Trajectory | None) ->
         "title": scenario.title,
         **plan_fields(found),
         "corner": found.certificate.corner,
+        "guarantees": guarantee_fields(found.certificate.guarantees),
         "solve_time": found.solve_time,
         "phase_plane": None if baseline is None else _baseline_result(found.problem, baseline),
         "diagnosis": None,

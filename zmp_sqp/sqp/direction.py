@@ -57,8 +57,9 @@ class Subproblem:
     .. math:: \min_d \tfrac12 d^T H d + g^T d \quad \text{s.t.} \quad c_E + A d = 0, \;
               c_I + C d \le 0
 
-    Only inequalities near their bounds take part. Those that the solution violates join, until it
-    violates none by more than a fifth of what is violated now.
+    Only inequalities near their bounds take part, and of rows alike those that lead (`Jacobian`).
+    Those that the solution violates join, until it violates none by more than a fifth of what is
+    violated now, or after four programs.
     """
 
     def __init__(
@@ -92,21 +93,28 @@ class Subproblem:
         """
         lin, keep = self.lin, self.keep
         x, z = np.zeros(len(lin.gradient)), z.copy()
-        values = lin.at.inequalities
-        missed = max(DUST, MISSED * lin.at.violation)
-        for rounds_left in reversed(range(ROUNDS)):
+        for rounds in range(1, ROUNDS + 1):
             guess = QPSolution(x, y, z[keep], False, 0, "")
             solution = self._ask(self._qp(keep), self._tolerance, iterations, guess)
             if solution is None:
                 return None
             x, y, z[keep] = solution.x, solution.y, solution.z
-            predicted = lin.C @ solution.x + values
-            over = (predicted > missed) & ~keep
-            if not over.any() or rounds_left == 0:
-                break
-            keep = keep | (predicted > -ADDED)
-        self.keep = keep
-        return self._direction(solution, predicted, 0.0)
+            predicted = lin.C @ solution.x + lin.at.inequalities
+            joined = self._joined(keep, predicted) if rounds < ROUNDS else None
+            if joined is None:
+                self.keep = keep
+                return self._direction(solution, predicted, 0.0)
+            keep = joined
+        return None
+
+    def _joined(self, keep: Mask, predicted: Array) -> Mask | None:
+        """Rows with those that a step brings near; None if it violates no other one by much."""
+        missed = max(DUST, MISSED * self.lin.at.violation)
+        over = (predicted > missed) & ~keep
+        if not over.any():
+            return None
+        leading = self.lin.C.leading(predicted)
+        return keep | ((predicted > -ADDED) & leading) if (over & leading).any() else None
 
     def solve_relaxed(self, nonlinear: int, price: float) -> Direction | None:
         """Step of the program whose nonlinear rows may be violated at a price; None if that fails.

@@ -16,6 +16,8 @@ __all__ = ["CurvatureModel", "Iterate", "Penalty", "Relaxation"]
 
 Mask = npt.NDArray[np.bool_]
 
+DECAY = 0.7  # of the weights per step
+LEAST_WEIGHT = 0.1
 SAFETY = 1.2  # penalty weights over the multipliers' dual norm; any factor above 1 is exact
 
 
@@ -51,11 +53,21 @@ class Penalty:
         return at.objective + at.tie_breaker + self.of(at.inequalities, at.equalities, count)
 
     def raised(self, y: Array, z: Array, count: int) -> Penalty:
-        """Weights above the dual norms of these multipliers."""
+        """Weights above the dual norms of these multipliers.
+
+        Larger ones decay: a single wild multiplier must not shorten all later steps.
+        """
+        norms = (
+            float(z[:count].sum()),
+            float(z[count:].max(initial=0.0)),
+            float(np.abs(y).max(initial=0.0)),
+        )
+        weights = (self.nonlinear, self.linear, self.equality)
         return Penalty(
-            max(self.nonlinear, SAFETY * float(z[:count].sum())),
-            max(self.linear, SAFETY * float(z[count:].max(initial=0.0))),
-            max(self.equality, SAFETY * float(np.abs(y).max(initial=0.0))),
+            *(
+                max(DECAY * weight, SAFETY * norm, LEAST_WEIGHT)
+                for weight, norm in zip(weights, norms, strict=True)
+            )
         )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -19,7 +19,7 @@ __all__ = ["Nearest", "nearest_feasible"]
 Mask = npt.NDArray[np.bool_]
 
 STEPS = 6  # at most
-INNER = 25  # iterations of an interior-point method: more mean that there is no solution
+INNER = 20  # iterations of an interior-point method: more mean that there is no solution
 ROUNDS = 3  # of adding rows that a step violates
 NEAR = 0.05  # rows nearer to their bound than this take part ...
 REACH = 0.5  # ... and at first those within this share of the violation more
@@ -31,7 +31,7 @@ SMALL = 3e-2  # violation after the first step that may contract less
 CHORD = 2e-3  # violation from which on the last program is solved again with the values found
 EXCESS_BELOW = 1e-3  # violation below which rows between their places are looked at
 EXCESS_FACTOR, EXCESS_GUARD = 1.05, 2e-6
-QP_SHARE, LEAST_TOLERANCE, LARGEST_TOLERANCE = 1e-3, 1e-8, 1e-4
+QP_SHARE, LEAST_TOLERANCE, LARGEST_TOLERANCE = 1e-2, 1e-8, 1e-3
 EQUALITY = 2e-7
 
 
@@ -65,7 +65,9 @@ class Nearest:
     rows: int
 
 
-def nearest_feasible(program: MetricProgram, point: Any, backend: QPBackend) -> Nearest:
+def nearest_feasible(
+    program: MetricProgram, point: Any, backend: QPBackend, *, enough: float = 0.0
+) -> Nearest:
     r"""Feasible point with the objective of a given one, by shortest steps.
 
     .. math:: \min d^T H d \quad \text{s.t.} \quad c_E + A d = 0, \; c_I + C d \le 0, \; d_n = 0
@@ -77,16 +79,17 @@ def nearest_feasible(program: MetricProgram, point: Any, backend: QPBackend) -> 
         program: The program.
         point: From where to start.
         backend: Solves quadratic programs.
+        enough: Violation with which the search may end; 0 asks for a feasible point.
     """
-    search = _Search(program, backend)
+    search = _Search(program, backend, enough)
     return search.run(point)
 
 
 class _Search:
     """State of one search."""
 
-    def __init__(self, program: MetricProgram, backend: QPBackend) -> None:
-        self.program, self.backend = program, backend
+    def __init__(self, program: MetricProgram, backend: QPBackend, enough: float) -> None:
+        self.program, self.backend, self.enough = program, backend, enough
         self.H = _without_last(program.metric(), square=True)
         self.keep: Mask | None = None
         self.excess: Array | None = None
@@ -99,7 +102,7 @@ class _Search:
         while True:
             at = self._values(point)
             violations.append(at.violation)
-            feasible = is_feasible(at, program.tolerance, EQUALITY)
+            feasible = is_feasible(at, program.tolerance, EQUALITY) or at.violation <= self.enough
             if feasible or self.steps >= STEPS or not at.is_finite():
                 break
             if self.chord is not None and at.violation <= CHORD and not after_chord:
@@ -118,10 +121,9 @@ class _Search:
 
     def _values(self, point: Any) -> Evaluation:
         at = self.program.evaluate(point)
-        count = self.program.nonlinear
-        if self.excess is None and at.inequalities[:count].max(initial=0.0) < EXCESS_BELOW:
-            lin = self.program.linearize(point)
-            raw = self.program.excess(point, lin, fine=False)
+        worst = at.inequalities[: self.program.nonlinear].max(initial=0.0)
+        if self.enough == 0.0 and self.excess is None and worst < EXCESS_BELOW:
+            raw = self.program.excess(point, at, fine=False)
             if raw is not None:
                 self.excess = EXCESS_FACTOR * raw + EXCESS_GUARD
         return self._added(at)
@@ -131,14 +133,14 @@ class _Search:
             return at
         inequalities = at.inequalities.copy()
         inequalities[: len(self.excess)] += self.excess
-        return Evaluation(at.objective, at.tie_breaker, at.equalities, inequalities)
+        return replace(at, inequalities=inequalities)
 
     def _step(self, point: Any, at: Evaluation) -> Any | None:
         """Point after the shortest step onto the linearised constraints; None if there is none."""
         program = self.program
         lin = program.linearize(point)
         reach = NEAR + (REACH * at.violation if self.keep is None else 0.0)
-        keep = at.inequalities > -reach
+        keep = (at.inequalities > -reach) & lin.C.leading(at.inequalities)
         if self.keep is not None:
             keep |= self.keep
         keep |= program.decisive(point, early=False)
@@ -148,9 +150,8 @@ class _Search:
         A = None if lin.A is None else _without_last(lin.A)
         for _ in range(ROUNDS):
             C = _without_last(lin.C.selected(keep))
-            qp = QP(
-                self.H, np.zeros(program.size - 1), A, -at.equalities, C, -at.inequalities[keep]
-            )
+            nothing, u = np.zeros(program.size - 1), -at.inequalities[keep]
+            qp = QP(self.H, nothing, A, -at.equalities, C, u)
             solution = self.backend.solve(qp, tolerance=float(tolerance), iterations=INNER)
             self.steps, self.inner = self.steps + 1, self.inner + solution.iterations
             if not (solution.solved and solution.is_finite()):
@@ -159,9 +160,9 @@ class _Search:
             predicted = lin.C @ step + at.inequalities
             over = (predicted > missed) & ~keep
             over[-1] = False
-            if not over.any():
+            if not over.any() or not (over & (leading := lin.C.leading(predicted))).any():
                 break
-            keep = keep | (predicted > -NEAR)
+            keep = keep | ((predicted > -NEAR) & leading)
             keep[-1] = False
         self.keep = keep
         self.chord = lin, point, None, step

@@ -9,9 +9,8 @@ import numpy as np
 import numpy.typing as npt
 
 from zmp_sqp.arrays import Array
-from zmp_sqp.sqp.rows import Rows
 
-__all__ = ["Evaluation", "Linearization", "NonlinearProgram"]
+__all__ = ["Evaluation", "Jacobian", "Linearization", "NonlinearProgram"]
 
 Mask = npt.NDArray[np.bool_]
 
@@ -26,12 +25,14 @@ class Evaluation:
             minimised.
         equalities: Shape (p,); feasible iff zero.
         inequalities: Shape (m,), the nonlinear ones first; feasible iff not positive.
+        memory: What the program keeps for `excess`.
     """
 
     objective: float
     tie_breaker: float
     equalities: Array
     inequalities: Array
+    memory: Any = None
 
     @property
     def violation(self) -> float:
@@ -62,8 +63,28 @@ class Linearization:
     at: Evaluation
     gradient: Array
     A: Any
-    C: Rows
+    C: Jacobian
     memory: Any
+
+
+class Jacobian(Protocol):
+    """Derivatives of m inequalities by n variables, of which quadratic programs see some rows."""
+
+    def __matmul__(self, step: Array) -> Array:
+        """Change of all inequalities by a step (n,) to first order, shape (m,)."""
+
+    def selected(self, mask: Mask) -> Any:
+        """The rows of a mask (m,), CSC."""
+
+    def leading(self, values: Array) -> Mask:
+        """Rows that join quadratic programs before others that are like them, shape (m,).
+
+        Among many rows alike those with the largest values lead; where no rows are alike, all do.
+        The others join when a step makes them the largest ones.
+
+        Args:
+            values: Of the inequalities at a point, or predicted, shape (m,).
+        """
 
 
 class NonlinearProgram(Protocol):
@@ -71,7 +92,8 @@ class NonlinearProgram(Protocol):
 
     Points are values of the program's own: the SQP moves from one to the next by steps d of n
     variables, and never looks inside. The first `nonlinear` inequalities are the nonlinear ones;
-    only those are relaxed where a quadratic program has no solution.
+    only those are relaxed where a quadratic program has no solution. The last inequality bounds the
+    objective from below.
     """
 
     @property
@@ -124,14 +146,14 @@ class NonlinearProgram(Protocol):
             early: Whether it is one of the first iterations.
         """
 
-    def excess(self, point: Any, lin: Linearization, *, fine: bool) -> Array | None:
+    def excess(self, point: Any, at: Evaluation, *, fine: bool) -> Array | None:
         """What nonlinear rows exceed their values by between the places they are imposed at.
 
         Shape (nonlinear,), not negative; None if there is no between.
 
         Args:
             point: The point.
-            lin: The expansion there.
+            at: Values there.
             fine: Whether to look closely.
         """
 

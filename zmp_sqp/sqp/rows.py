@@ -29,7 +29,7 @@ class Pattern:
         """Sort the entries by column.
 
         Args:
-            rows, columns: Of the entries, in the order that they will be given in, shape (E,).
+            rows, columns: Of the entries, in the order they will be given in, shape (E,) each.
             shape: Of the matrix.
             upper: Whether only the upper triangle is kept.
         """
@@ -57,9 +57,7 @@ class Pattern:
         kept = entries[self._index]
         if self._place is None:
             return kept
-        return np.asarray(
-            np.bincount(self._place, weights=kept, minlength=len(self.indices)), float
-        )
+        return np.bincount(self._place, kept, len(self.indices)).astype(float, copy=False)
 
     def matrix(self, data: Array) -> sp.csc_matrix:
         """The CSC matrix with entries as `data` returns them."""
@@ -79,6 +77,10 @@ class Rows:
     def __matmul__(self, step: Array) -> Array:
         """Change of the rows' values by a step, shape (m,)."""
         return np.asarray(self.matrix @ step)
+
+    def leading(self, values: Array) -> Mask:
+        """All rows: none are alike, see `Jacobian`."""
+        return np.ones(len(values), dtype=bool)
 
     def selected(self, mask: Mask) -> sp.csc_matrix:
         """The rows of a mask (m,), CSC."""

@@ -31,21 +31,25 @@ CLIPPED_ABOVE = 0.2  # violation
 LEAST_CLIPPED = 0.3
 LEAST_CLIPPED_LATER = 0.1  # after a step that was refused or hard to find
 CREEPING = 3e-3  # change of the objective below which a step that halves no change creeps
-HELD = 2  # steps for which the share stays after it went back to one
+# after a program that was not convex enough: first this share, then all
+CLIPPED_AGAIN = 0.5
+HELD = 1  # steps for which the share stays then
 INNER, INNER_CONVEX = 30, 60  # iterations of an interior-point method: more mean indefiniteness
 HARD = 28  # inner iterations of a program that was hard to solve
 # screening: rows nearer to their bound than this, and what the last step moved them by, take part
-NEAR = 0.05
-FIRST_NEAR = 0.1
+NEAR = 0.08
+FIRST_NEAR = 0.2
 RELAXED_NEAR = 0.5
-DECISIVE_ABOVE = 3e-4  # violation from which on the program's decisive rows take part
+DECISIVE_ABOVE = 3e-3  # violation from which on the program's decisive rows take part
 # tolerance of quadratic programs: a share of the violation within bounds
-QP_SHARE, LEAST_TOLERANCE, LARGEST_TOLERANCE = 1e-3, 1e-8, 1e-4
+QP_SHARE, LEAST_TOLERANCE, LARGEST_TOLERANCE = 1e-2, 1e-8, 1e-4
 LARGEST_DAMPING, LARGEST_QP_DAMPING = 1e2, 10.0
 LARGEST_PRICE = 1e5
+UNDAMPED = 1e-4  # a step that was damped by more says nothing about convergence
 # infeasible: over so many relaxed steps the violation has not fallen below this share of itself
 PATIENCE, PATIENCE_SHARE, PATIENCE_VIOLATION = 3, 0.9, 1e-3
 DEAR = 300.0  # price at which even a far slower motion would be found if it were less violated
+SLOWEST = 0.9  # ratio of changes that is believed, where steps creep
 LEFT = 1e-3  # of the violation: a smaller slack counts as none
 LEAST_OBJECTIVE = 1e-8
 EXCESS_FACTOR, EXCESS_GUARD = 1.05, 2e-6  # by which lagged excess is exaggerated
@@ -57,7 +61,8 @@ class SQPSettings:
 
     Attributes:
         optimality: Largest predicted decrease of the objective at a solution.
-        converged: Relative change of the objective's square root by a full step that ends the run.
+        converged: Relative change of the objective's square root that ends the run: by a full step,
+            and by those that would follow it if changes fell on as they did.
         closable: Largest violation that one finishing step closes.
         coarse: Violation with which the run may end as COARSE; 0 asks for a solution.
         excess_from: Change below which what rows exceed between their places is added to them; 0
@@ -193,12 +198,15 @@ class SQP:
             if clipped < 1.0 and (
                 direction is None or self._decrease(program, iterate, direction) < -WRONG_WAY
             ):
-                model = replace(iterate.model, clipped=1.0, held=HELD)
+                again = CLIPPED_AGAIN if clipped < CLIPPED_AGAIN else 1.0
+                model = replace(iterate.model, clipped=again, held=HELD)
                 return self._stay(iterate, subproblem, replace(iterate, model=model))
         if direction is None:
             relaxed = True
             price = min(max(iterate.relaxation.price, iterate.penalty.nonlinear), LARGEST_PRICE)
-            subproblem.keep |= iterate.lin.at.inequalities > -RELAXED_NEAR
+            values = iterate.lin.at.inequalities
+            subproblem.keep |= (values > -RELAXED_NEAR) & iterate.lin.C.leading(values)
+            subproblem.keep[-1] = True  # the objective's own bound
             direction = subproblem.solve_relaxed(program.nonlinear, price)
         if direction is None:
             failed = iterate.model.damping > LARGEST_QP_DAMPING
@@ -239,11 +247,10 @@ class SQP:
             y, z, damping = np.zeros_like(y), np.zeros_like(z), max(damping, 1.0)
         H = program.hessian(lin, y, z, clipped=clipped, damping=damping)
         values, number = lin.at.inequalities, iterate.number
-        if number == 0 and not settings.resumed:
-            keep = np.ones(len(values), dtype=bool)
-        else:
+        keep = lin.C.leading(values)
+        if number > 0 or settings.resumed:
             moved = FIRST_NEAR if iterate.step is None else iterate.step
-            keep = (values > -(NEAR + moved)) | (iterate.z > 0.0)
+            keep = (keep & (values > -(NEAR + moved))) | (iterate.z > 0.0)
         early = number < WHOLLY_CLIPPED
         if iterate.violation > DECISIVE_ABOVE or early:
             keep = keep | program.decisive(iterate.point, early=early)
@@ -285,19 +292,21 @@ class SQP:
         def is_enough(at: Evaluation, length: float) -> bool:
             return penalty.merit(at, count) <= start - length * promised + noise
 
-        def linearized(point: Any, length: float, corrected: bool = False) -> _Found:
+        def linearized(point: Any, length: float, corrections: int = 0) -> _Found:
             found = _with(program.linearize(point), iterate.excess)
-            return _Found(point, found, length, corrected)
+            return _Found(point, found, length, corrections)
 
-        full = linearized(program.moved(lin, iterate.point, direction.step), 1.0)
-        closes = iterate.finishing and is_feasible(
-            full.lin.at, program.tolerance, self.settings.equality
-        )
-        if is_enough(full.lin.at, 1.0) or closes:
-            return full
-        end, step = full.lin.at, direction.step
+        point = program.moved(lin, iterate.point, direction.step)
+        full = None  # derivatives are computed at once where the step is likely to be taken
+        if iterate.change is not None or iterate.number == 0:
+            full = linearized(point, 1.0)
+        end = _added(program.evaluate(point), iterate.excess) if full is None else full.lin.at
+        closes = iterate.finishing and is_feasible(end, program.tolerance, self.settings.equality)
+        if is_enough(end, 1.0) or closes:
+            return full or linearized(point, 1.0)
+        step = direction.step
         corrections = MOST_CORRECTIONS if end.violation > iterate.violation and not relaxed else 0
-        for _ in range(corrections):
+        for count_of in range(1, corrections + 1):
             if not end.is_finite():
                 break
             before = end.violation
@@ -308,7 +317,7 @@ class SQP:
             point = program.moved(lin, iterate.point, step)
             end = _added(program.evaluate(point), iterate.excess)
             if is_enough(end, 1.0):
-                return linearized(point, 1.0, corrected=True)
+                return linearized(point, 1.0, count_of)
             if not end.violation <= 0.5 * before:
                 break
         length = 0.5
@@ -376,7 +385,8 @@ class SQP:
         ahead = self._with_excess(program, ahead, change)
         slack = relaxed and direction.slack > LEFT * max(was_violated, LEFT)
         ahead = self._with_relaxation(ahead, relaxed=relaxed, slack=slack)
-        ahead = self._judged(program, ahead, change, full=full)
+        to_come = _still_to_come(change, iterate.change)
+        ahead = self._judged(program, ahead, to_come, iterate.model.damping, full=full)
         self._record(ahead, direction, subproblem, found, relaxed=relaxed)
         return ahead
 
@@ -385,7 +395,7 @@ class SQP:
     ) -> CurvatureModel:
         """Model with less of the negative curvature clipped after a step that went well."""
         model = iterate.model
-        if found.corrected or found.length < 1.0 or direction.inner > HARD:
+        if found.corrections > 1 or found.length < 1.0 or direction.inner > HARD:
             clipped = min(1.0, max(LEAST_CLIPPED_LATER, 2.0 * model.clipped))
             return replace(model, clipped=clipped)
         if model.held:
@@ -405,7 +415,7 @@ class SQP:
         if not late and iterate.excess is None:
             return iterate
         fine = iterate.finishing or change < settings.converged
-        raw = program.excess(iterate.point, iterate.lin, fine=fine)
+        raw = program.excess(iterate.point, iterate.lin.at, fine=fine)
         if raw is None:
             return iterate
         old = iterate.excess
@@ -430,14 +440,19 @@ class SQP:
         )
         if stuck:
             # a slower point might be less violated: at a higher price it would be found
-            verdict = (
-                SQPStatus.INFEASIBLE if max(price, iterate.penalty.nonlinear) >= DEAR else None
-            )
+            dear = max(price, iterate.penalty.nonlinear) >= DEAR
+            verdict = SQPStatus.INFEASIBLE if dear else None
             price, series = DEAR, series[-1:]
         return replace(iterate, relaxation=Relaxation(slack, price, series), verdict=verdict)
 
     def _judged(
-        self, program: NonlinearProgram, iterate: Iterate, change: float, *, full: bool
+        self,
+        program: NonlinearProgram,
+        iterate: Iterate,
+        to_come: float,
+        damping: float,
+        *,
+        full: bool,
     ) -> Iterate:
         """With the verdict on an accepted point, and whether the next step is to finish the run."""
         if iterate.verdict is not None:
@@ -446,7 +461,8 @@ class SQP:
         feasible = iterate.is_feasible(program.tolerance, settings.equality)
         if feasible and program.optimality_gap(iterate.point) <= 2.0 * settings.equality:
             return replace(iterate, verdict=SQPStatus.BOUND_REACHED)
-        if not full or change >= settings.converged:
+        damped = damping > UNDAMPED and not iterate.finishing
+        if not full or to_come >= settings.converged or damped:
             return replace(iterate, finishing=False)
         if feasible:
             return replace(iterate, verdict=SQPStatus.OPTIMAL)
@@ -464,7 +480,7 @@ class SQP:
         direction: Direction | None = None,
     ) -> Iterate:
         """The same point with another model, which counts as an iteration."""
-        stays = _Found(iterate.point, iterate.lin, 0.0, False)
+        stays = _Found(iterate.point, iterate.lin, 0.0, 0)
         counted = replace(changed, number=iterate.number + 1)
         self._record(counted, direction, subproblem, stays, relaxed=False)
         return counted
@@ -485,7 +501,7 @@ class SQP:
             rows=int(subproblem.keep.sum()),
             relaxed=relaxed,
             curvature=bool(iterate.z.any()),
-            corrected=found.corrected,
+            corrected=found.corrections > 0,
             objective=iterate.lin.at.objective,
             violation=iterate.violation,
             step=found.length,
@@ -498,12 +514,20 @@ class SQP:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Found:
-    """An accepted point, its expansion, the length of the step, and whether it was corrected."""
+    """An accepted point, its expansion, the length of the step, and how often it was corrected."""
 
     point: Any
     lin: Linearization
     length: float
-    corrected: bool
+    corrections: int
+
+
+def _still_to_come(change: float, before: float | None) -> float:
+    """The last change, or the sum of all that would follow by its ratio to the one before."""
+    if before is None or before <= 0.0:
+        return change
+    ratio = min(change / before, SLOWEST)
+    return change * max(1.0, ratio / (1.0 - ratio))
 
 
 def _relative_change(before: float, after: float) -> float:

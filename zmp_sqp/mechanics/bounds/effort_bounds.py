@@ -38,7 +38,13 @@ from zmp_sqp.arrays import Array
 from zmp_sqp.mechanics.bounds.norms import ORDERS, Bounds, leibniz, turning
 from zmp_sqp.mechanics.machine import Machine
 
-__all__ = ["EffortBound", "effort_bounds", "wrench_curvature_bound", "wrench_size_bound"]
+__all__ = [
+    "EffortBound",
+    "effort_bounds",
+    "is_prismatic",
+    "wrench_curvature_bound",
+    "wrench_size_bound",
+]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,7 +68,7 @@ class EffortBound:
         return EffortBound(self.force[stretches], self.moment[stretches], self.joints[stretches])
 
     def plus(self, other: EffortBound, weight: Array | float = 1.0) -> EffortBound:
-        """Sum of these bounds and `weight` times the other ones, weight scalar or shape (K,)."""
+        """Sum of these bounds and `weight` times other bounds; the weight is scalar or (K,)."""
         columns = weight[:, None] if isinstance(weight, np.ndarray) else weight
         return EffortBound(
             self.force + weight * other.force,
@@ -84,7 +90,7 @@ class _Link:
         lever: Norms of the vector from this joint to the centre of mass, orders 0 to 4 [m].
         spin: Norms of the angular velocity, orders 0 to 3 [rad/s, ...].
         unit: Norms of a unit vector fixed in the link, orders 0 to 4.
-        thrust: Norms of the acceleration of the centre of mass less gravity, orders 0 to 2.
+        acceleration: Norms of the acceleration of the centre of mass minus gravity, orders 0 to 2.
         tensor: Norms of the inertia tensor in axes that stand still, orders 0 to 3; empty for a
             point mass [kg m^2, ...].
     """
@@ -97,16 +103,16 @@ class _Link:
     lever: Bounds
     spin: Bounds
     unit: Bounds
-    thrust: Bounds
+    acceleration: Bounds
     tensor: Bounds
 
     def force(self, k: int) -> Array:
         """Bound on the k-th derivative of the force that moves the link alone [N, ...]."""
-        return np.asarray(self.mass * self.thrust[k])
+        return np.asarray(self.mass * self.acceleration[k])
 
     def moment(self, about: Bounds, k: int) -> Array:
-        """Bound on the k-th derivative of that force's moment, with the centre of mass at `about`."""
-        found = self.mass * leibniz(about, self.thrust, k)
+        """Bound on the k-th derivative of the force's moment; `about` is the lever's norms."""
+        found = self.mass * leibniz(about, self.acceleration, k)
         if self.tensor:
             found = found + leibniz(self.tensor, self.spin, k + 1)
         return np.asarray(found)
@@ -122,7 +128,7 @@ def wrench_curvature_bound(
     gravity: float,
     base: Array | None = None,
 ) -> EffortBound:
-    """Bound on the second time derivative of the ground reaction: the second part of `effort_bounds`.
+    """Bound on the second time derivative of the ground reaction, second part of `effort_bounds`.
 
     Args:
         machine, v, a, j, reach, gravity, base: Arguments of `effort_bounds`.
@@ -140,7 +146,7 @@ def wrench_size_bound(
     gravity: float,
     base: Array | None = None,
 ) -> EffortBound:
-    """Bound on the ground reaction itself: the first part of `effort_bounds`.
+    """Bound on the ground reaction itself, first part of `effort_bounds`.
 
     Args:
         machine, v, a, j, reach, gravity, base: Arguments of `effort_bounds`.
@@ -223,7 +229,7 @@ def _link_bounds(
         own, body = before.spin, before.unit
         if joint > 1:  # the root itself moves as the base does
             q = coordinates[:, model.joints[joint].idx_v]
-            if _is_prismatic(model, joint):
+            if is_prismatic(model, joint):
                 offset = [offset[k] + leibniz(before.unit, q, k) for k in range(ORDERS)]
             else:
                 own = [own[k] + leibniz(before.unit, q[1:], k) for k in range(ORDERS - 1)]
@@ -232,8 +238,8 @@ def _link_bounds(
         inertia = model.inertias[joint]
         reaching = float(np.linalg.norm(inertia.lever))
         lever = [body[k] * reaching for k in range(ORDERS)]
-        thrust = [origin[k] + lever[k] + drive[k - 1] for k in range(2, ORDERS)]
-        thrust[0] = thrust[0] + gravity
+        acceleration = [origin[k] + lever[k] + drive[k - 1] for k in range(2, ORDERS)]
+        acceleration[0] = acceleration[0] + gravity
         tensor = []
         if largest[joint] > 0.0:
             tensor = [np.full(count, float(largest[joint]))]
@@ -241,7 +247,16 @@ def _link_bounds(
                 tensor.append(2.0 * leibniz(own, tensor, k))
         links.append(
             _Link(
-                parent, inertia.mass, before.unit, offset, origin, lever, own, body, thrust, tensor
+                parent,
+                inertia.mass,
+                before.unit,
+                offset,
+                origin,
+                lever,
+                own,
+                body,
+                acceleration,
+                tensor,
             )
         )
     return links
@@ -255,10 +270,10 @@ def _joint_bounds(machine: Machine, links: list[_Link]) -> Array:
         [link.moment(link.lever, k) for k in range(3)] if i else [] for i, link in enumerate(links)
     ]
     column = {int(index): i for i, index in enumerate(machine.index_v)}
-    found = np.zeros((2, len(links[1].thrust[0]), machine.size))
+    found = np.zeros((2, len(links[1].acceleration[0]), machine.size))
     for joint in range(len(links) - 1, 1, -1):  # from tip to root
         link = links[joint]
-        drawn = force[joint] if _is_prismatic(model, joint) else moment[joint]
+        drawn = force[joint] if is_prismatic(model, joint) else moment[joint]
         at = column[model.joints[joint].idx_v]
         found[0, :, at], found[1, :, at] = drawn[0], leibniz(link.axis, drawn, 2)
         for k in range(3):
@@ -268,7 +283,7 @@ def _joint_bounds(machine: Machine, links: list[_Link]) -> Array:
     return found
 
 
-def _is_prismatic(model: Any, joint: int) -> bool:
+def is_prismatic(model: Any, joint: int) -> bool:
     """Whether a joint slides."""
     kind: str = model.joints[joint].shortname()
     return kind.startswith(("JointModelP", "JointModelMimicP"))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from math import comb
-
 import numpy as np
 
 from zmp_sqp.arrays import Array
@@ -128,22 +126,25 @@ def _spin(gradient: Bounds, yaw: Bounds) -> Array:
 
 
 def _power(values: Bounds, exponent: float) -> Bounds:
-    """Bounds on a^-exponent and its time derivatives for a >= 1, from bounds on those of a."""
-    falls = [np.prod(exponent + np.arange(m)) for m in range(ORDERS)]  # |d^m a^-exponent / da^m|
+    """Bounds on a^-exponent and its time derivatives for a >= 1, from bounds on those of a.
+
+    By the rule of Faa di Bruno, for at most the fourth derivative.
+    """
+    first, second, third, fourth = (  # |d^m a^-exponent / da^m| <= exponent (exponent + 1) ...
+        float(np.prod(exponent + np.arange(m))) for m in range(1, ORDERS)
+    )
     result: Bounds = [np.ones_like(values[0])]
     for k in range(1, len(values)):
-        total = np.zeros_like(values[0])
-        for m in range(1, k + 1):
-            total = total + falls[m] * _bell(values, k, m)
-        result.append(total)
+        a1, ak = values[1], values[k]
+        if k == 1:
+            total = first * a1
+        elif k == 2:
+            total = first * ak + second * a1**2
+        elif k == 3:
+            total = first * ak + 3.0 * second * a1 * values[2] + third * a1**3
+        else:
+            a2, a3 = values[2], values[3]
+            total = first * ak + second * (4.0 * a1 * a3 + 3.0 * a2**2)
+            total = total + 6.0 * third * a1**2 * a2 + fourth * a1**4
+        result.append(np.asarray(total))
     return result
-
-
-def _bell(values: Bounds, k: int, m: int) -> Array:
-    """Partial exponential Bell polynomial B(k, m) of the derivatives values[1], values[2], ..."""
-    if m == 0:
-        return np.full_like(values[0], float(k == 0))
-    total = np.zeros_like(values[0])
-    for i in range(1, k - m + 2):
-        total = total + comb(k - 1, i - 1) * values[i] * _bell(values, k - i, m - 1)
-    return total

@@ -1,4 +1,4 @@
-"""Path constraints: what a motion keeps at all times beside the limits of its joints and its base."""
+"""Path constraints: conditions on a motion at all times, beside the limits of joints and base."""
 
 from zmp_sqp.planning.constraints.distance import DistanceLimits
 from zmp_sqp.planning.constraints.guarantee import Guarantee

@@ -1,4 +1,4 @@
-"""Constraints bound to a machine, with what is wrong with them said before anything is planned."""
+"""Check of the constraints that a user gives, and their rows for a machine."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from zmp_sqp.planning.constraints.protocol import ConstraintRows, PathConstraint
 
 __all__ = ["bound_rows", "checked_constraints"]
 
+# names of the guarantees and constraints that the planner adds itself
 RESERVED = ("base", "contact", "distance_limits", "joint_limits", "tip_over")
 
 
@@ -21,6 +22,11 @@ def bound_rows(
 ) -> tuple[ConstraintRows, ...]:
     """Rows of each constraint for a machine.
 
+    Args:
+        constraints: The path constraints.
+        machine: Machine with a corner's payload.
+        coordinates: Map from planning coordinates to joint coordinates.
+
     Raises:
         ProblemError: The machine lacks what a constraint needs.
     """
@@ -28,11 +34,11 @@ def bound_rows(
 
 
 def checked_constraints(given: Any) -> tuple[PathConstraint, ...]:
-    """The user's constraints as a tuple.
+    """Constraints that the user gave, as a tuple.
 
     Raises:
-        ProblemError: An entry is no constraint, or two have the same name, or a name is one that the
-            planner uses itself.
+        ProblemError: An entry is no path constraint, two entries have one name, or a name is in
+            `RESERVED`.
     """
     try:
         constraints = tuple(given)
@@ -49,7 +55,9 @@ def checked_constraints(given: Any) -> tuple[PathConstraint, ...]:
     names = [constraint.name for constraint in constraints]
     for i, name in enumerate(names):
         if name in RESERVED:
-            raise ProblemError(f"a constraint cannot be named {name!r}: the planner has its own")
+            raise ProblemError(
+                f"a constraint cannot be named {name!r}: the planner uses that name itself"
+            )
         if name in names[:i]:
-            raise ProblemError(f"two constraints are named {name!r}; give each a name of its own")
+            raise ProblemError(f"two constraints are named {name!r}; give them different names")
     return constraints

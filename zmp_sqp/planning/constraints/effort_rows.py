@@ -1,4 +1,4 @@
-"""Constraints that are affine in the efforts of inverse dynamics."""
+"""Rows of constraints that are affine in the efforts of inverse dynamics."""
 
 from __future__ import annotations
 
@@ -13,29 +13,31 @@ from zmp_sqp.planning.constraints.protocol import MotionSample, StageModel, Stag
 
 __all__ = ["EffortRows", "effort_curvature"]
 
-# [rad, m] forward step on analytic derivatives: its error, of first order in the step, is far
-# below what the SQP needs of curvature
+# [rad or m] step of forward differences of analytic derivatives: the error, of first order in the
+# step, is far below the accuracy of curvature that the SQP needs
 DIFFERENCE = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EffortRows:
-    r"""Rows that are affine in the efforts: :math:`(C e) / d + c \le 0`.
+    r"""Rows that are affine in the efforts e of inverse dynamics.
 
-    In normalised time, where efforts times S come from inverse dynamics with gravity scaled by S,
+    In seconds and in normalised time s = t / T, they are
 
-    .. math:: (C\, e_S) / d + c\, S \le 0
+    .. math:: (C\, e) / d + c \le 0, \qquad (C\, e_S) / d + c\, S \le 0
 
-    so that Jacobians are C times those of the efforts, curvature is one difference of their weighted
-    sum, and a bound between samples follows from bounds on efforts.
+    with S = T^2 and the efforts e_S = S e, which inverse dynamics give with gravity scaled by S.
+    Hence Jacobians of rows are C times those of efforts, the curvature is one difference of their
+    weighted sum, and bounds between samples follow from bounds on efforts.
 
     Attributes:
-        C: Shape (R, 6), or (R, 6 + n) with the joints' efforts.
-        c: Shape (R,).
-        divisor: d, which scales rows to order one, shape (R,).
-        labels: What each row limits, in words.
+        C: Coefficients of the ground reaction wrench about the root origin in root axes, shape
+            (R, 6), or of wrench and joint efforts, shape (R, 6 + n).
+        c: Constant terms of the scaled rows, shape (R,).
+        divisor: Scales d that bring the rows to order one, shape (R,).
+        labels: Quantity that each row limits, in words.
         units: Unit of each row's room, which is -(C e + c d).
-        resolution: Room by which a guarantee may fall short of the samples, shape (R,).
+        resolution: Room by which a guarantee may fall short of the least sample, shape (R,).
     """
 
     C: Array
@@ -50,11 +52,11 @@ class EffortRows:
 
     @property
     def needs_joint_efforts(self) -> bool:
-        """Whether C has columns for the joints."""
+        """Whether C has columns for joint efforts."""
         return bool(self.C.shape[1] > WRENCH)
 
     def matrix(self, columns: int) -> Array:
-        """C / d with zero columns added for efforts that are not looked at, shape (R, columns)."""
+        """C with zero columns added for efforts that the rows do not use, shape (R, columns)."""
         padded = np.zeros((len(self.C), columns))
         padded[:, : self.C.shape[1]] = self.C
         return padded
@@ -65,7 +67,7 @@ class EffortRows:
         return np.asarray(sample.efforts @ rows.T + sample.S * self.c)
 
     def linearize(self, sample: StageSample) -> tuple[Array, Array]:
-        """Rows with their Jacobian, shapes (K, R) and (K, R, 3n + 1 [+ 2])."""
+        """Rows with their Jacobian, see `ConstraintRows.linearize`."""
         effort, jacobian = sample.effort_derivatives
         rows = self.matrix(effort.shape[1]) / self.divisor[:, None]
         by_state = rows @ jacobian
@@ -73,27 +75,48 @@ class EffortRows:
         return effort @ rows.T + sample.S * self.c, by_state
 
     def curvature(self, sample: StageSample, weights: Array) -> Array:
-        """Hessian of `weights . rows`, shape (K, 3n + 1, 3n + 1)."""
+        """Hessian of `weights . rows` by (q, w, alpha, S), shape (K, 3n + 1, 3n + 1)."""
         rows = self.matrix(sample.efforts.shape[1]) / self.divisor[:, None]
         return effort_curvature(sample, weights @ rows)
 
     def tightened(self, amount: float) -> EffortRows:
-        """The rows with every limit drawn in by an amount in its unit."""
+        """Rows whose limits are stricter by an amount in their own unit."""
         return replace(self, c=self.c + amount / self.divisor)
 
     def room(self, sample: MotionSample) -> Array:
-        """-(C e + c d) in each row's unit, shape (K, R)."""
+        """Room -(C e + c d) in each row's unit, shape (K, R); -inf where it has no value."""
         efforts = sample.efforts[:, : self.C.shape[1]]
         room = -(efforts @ self.C.T) - self.c * self.divisor
         return np.where(np.isfinite(room), room, -np.inf)
 
     def least_between(self, stretch: Stretch, ends: Array) -> tuple[Array, Array]:
-        """Room at the ends less what the efforts may depart from the line between them."""
-        reachable = ends - self.uncertainty(stretch.rounding)
-        return reachable - self.uncertainty(stretch.interpolation), reachable
+        """Lower bound on the room inside each stretch, see `ConstraintRows.least_between`."""
+        return self.least_of(stretch, self.room_of(stretch))
+
+    def least_of(self, stretch: Stretch, room: Array) -> tuple[Array, Array]:
+        """Lower bound on the room inside each stretch, see `ConstraintRows.least_between`.
+
+        It is the least room at the control points less the bounds on the error of C e.
+
+        Args:
+            stretch: K stretches.
+            room: Room at their control points, shape (n + 1, K, R).
+        """
+        rounding, interpolation = (
+            self.uncertainty(off) for off in (stretch.rounding, stretch.interpolation)
+        )
+        ends = np.minimum(room[0], room[-1])
+        return room.min(axis=0) - rounding - interpolation, ends - rounding
+
+    def room_of(self, stretch: Stretch) -> Array:
+        """Room at the control points of K stretches, shape (n + 1, K, R)."""
+        start, (points, count, columns) = stretch.start, stretch.control.shape
+        efforts = stretch.control.reshape(points * count, columns)
+        sample = MotionSample(start.machine, start.q, start.v, start.a, efforts)
+        return self.room(sample).reshape(points, count, -1)
 
     def uncertainty(self, off: EffortBound) -> Array:
-        """Bound on |C e| for efforts within `off`, shape (K, R)."""
+        """Bound on |C e| for efforts e that are bounded by `off`, shape (K, R)."""
         force, moment = off.force[:, None], off.moment[:, None]
         found = np.linalg.norm(self.C[:, :3], axis=1) * force
         found = found + np.linalg.norm(self.C[:, 3:WRENCH], axis=1) * moment
@@ -107,30 +130,39 @@ def effort_curvature(sample: StageSample, weights: Array) -> Array:
 
     Args:
         sample: K states.
-        weights: Shape (K, R) for the R efforts of the sample's model.
+        weights: Weight of each of the R efforts times S, shape (K, R).
 
     Returns:
-        Symmetric, shape (K, 3n + 1, 3n + 1); the block of (alpha, S) is zero because the efforts are
-        affine in them.
+        Symmetric matrices, shape (K, 3n + 1, 3n + 1). Their block of (alpha, S) is zero, because
+        efforts times S are affine in alpha and S.
     """
     model: StageModel = sample.model
     q, w, alpha = sample.q, sample.w, sample.alpha
     count, n = q.shape
+    by_momentum = model.has_momentum_rate and weights.shape[1] == WRENCH
+    still, one = np.zeros((1, n)), np.eye(n)
     # by q with a small step; efforts are quadratic in w, so any step is exact there
-    steps_q = np.vstack([np.zeros((1, n)), DIFFERENCE * np.eye(n), np.zeros((n, n))])
-    steps_w = np.vstack([np.zeros((1 + n, n)), np.eye(n)])
+    steps_q, steps_w = np.vstack([still, DIFFERENCE * one]), np.zeros((1 + n, n))
+    if not by_momentum:
+        steps_q, steps_w = np.vstack([steps_q, 0.0 * one]), np.vstack([steps_w, one])
     shifted_q = (q[:, None] + steps_q).reshape(-1, n)
     shifted_w = (w[:, None] + steps_w).reshape(-1, n)
-    repeated = np.repeat(alpha, len(steps_q), axis=0)
-    where = None if sample.positions is None else np.repeat(sample.positions, len(steps_q), axis=0)
-    _, jacobian = model.effort_derivatives(shifted_q, shifted_w, repeated, sample.S, where)
+    repeated, positions = np.repeat(alpha, len(steps_q), axis=0), sample.positions
+    if positions is not None:
+        positions = np.repeat(positions, len(steps_q), axis=0)
+    _, jacobian = model.effort_derivatives(shifted_q, shifted_w, repeated, sample.S, positions)
     jacobian = jacobian[:, :, : 3 * n + 1].reshape(count, len(steps_q), -1, 3 * n + 1)
-    gradient = np.einsum("kr,kprj->kpj", weights, jacobian)
+    gradient = (weights[:, None, None] @ jacobian)[:, :, 0]
     change = gradient[:, 1:] - gradient[:, :1]
     H = np.zeros((count, 3 * n + 1, 3 * n + 1))
     H[:, :n] = change[:, :n] / DIFFERENCE
     H[:, :n, :n] = 0.5 * (H[:, :n, :n] + H[:, :n, :n].transpose(0, 2, 1))
     H[:, n:, :n] = H[:, :n, n:].transpose(0, 2, 1)
-    by_rates = change[:, n:, n : 2 * n]
-    H[:, n : 2 * n, n : 2 * n] = 0.5 * (by_rates + by_rates.transpose(0, 2, 1))
+    if by_momentum:
+        # d^2 (A(q) w) w / dw^2, from the derivatives of A, those by alpha, by q
+        by_rates = H[:, :n, 2 * n : 3 * n]
+        H[:, n : 2 * n, n : 2 * n] = by_rates + by_rates.transpose(0, 2, 1)
+    else:
+        by_rates = change[:, n:, n : 2 * n]
+        H[:, n : 2 * n, n : 2 * n] = 0.5 * (by_rates + by_rates.transpose(0, 2, 1))
     return H

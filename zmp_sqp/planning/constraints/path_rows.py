@@ -41,8 +41,8 @@ class PathRows:
         zs.Problem(..., constraints=[zs.PathRows("wires", below_the_wires, labels=["height"])])
 
     The planner holds the rows at the nodes and in the middle of every interval. With
-    `curvature_bound` the certificate proves them for all times. Without, it looks at them 2000 times
-    a second, and says so: the guarantee has `proven=False`.
+    `curvature_bound` the certificate proves them for all times. Without, it looks at them 2000
+    times a second, and says so: the guarantee has `proven=False`.
 
     Attributes:
         name: What guarantees, messages and tables call the constraint.
@@ -57,7 +57,8 @@ class PathRows:
         scale: What counts as a large value, which brings rows to order one.
 
     Raises:
-        ProblemError: No name, nothing to call, or a scale that is not positive.
+        ProblemError: No name, nothing to call, labels or units that are not lists of texts, or a
+            scale that is not positive.
     """
 
     name: str
@@ -75,6 +76,10 @@ class PathRows:
                 f"constraint {self.name!r} needs a function(machine, q, v, a), "
                 f"not {shortened(self.function)}"
             )
+        for what in ("labels", "units"):
+            given = getattr(self, what)
+            if given is not None:
+                object.__setattr__(self, what, _texts(given, f"{what} of constraint {self.name!r}"))
         scale = finite_number(
             self.scale, name=f"scale of constraint {self.name!r}", error=ProblemError
         )
@@ -86,11 +91,14 @@ class PathRows:
         """Rows for a machine, with one call of the function that tells how many there are.
 
         Raises:
-            ProblemError: Values or Jacobian have the wrong shape, or labels or units another number.
+            ProblemError: Values, Jacobian or curvature bound have the wrong shape, or labels or
+                units another number.
         """
         still = np.zeros((1, machine.size))
         values, _ = self.values(machine, still, still, still)
         count = values.shape[1]
+        if self.curvature_bound is not None:
+            self.bend(machine, still, still, still, count)
         named = [f"row {i}" for i in range(count)] if self.labels is None else list(self.labels)
         units = [""] * count if self.units is None else list(self.units)
         for what, found in (("labels", named), ("units", units)):
@@ -104,7 +112,8 @@ class PathRows:
         """Values (K, R) and Jacobian (K, R, 3n), checked.
 
         Raises:
-            ProblemError: The function raised, or its results have the wrong shape.
+            ProblemError: The function raised, or its results have the wrong shape, or the Jacobian
+                is not finite where the values are.
         """
         try:
             values, jacobian = self.function(machine, q, v, a)
@@ -118,13 +127,47 @@ class PathRows:
             raise ProblemError(
                 f"constraint {self.name!r}: values must have shape ({count}, R), not {values.shape}"
             )
+        if values.shape[1] == 0:
+            raise ProblemError(f"constraint {self.name!r}: its function gives no rows")
         expected = (count, values.shape[1], 3 * n)
         if jacobian.shape != expected:
             raise ProblemError(
                 f"constraint {self.name!r}: the Jacobian must have shape {expected}, "
                 f"not {jacobian.shape}"
             )
+        if (np.isfinite(values) & ~np.isfinite(jacobian).all(axis=2)).any():
+            raise ProblemError(
+                f"constraint {self.name!r}: the Jacobian must be finite where the values are"
+            )
         return values, jacobian
+
+    def bend(self, machine: Machine, v: Array, a: Array, j: Array, rows: int) -> Array:
+        """The user's bound on |d^2 value / dt^2| in K stretches, shape (K, rows), checked.
+
+        Args:
+            machine: With a corner's payload.
+            v, a, j: Largest |rates|, |accelerations| and |jerks|, shape (K, n) each.
+            rows: Number of rows.
+
+        Raises:
+            ProblemError: The bound raised, or has the wrong shape, or is negative or NaN.
+        """
+        bound, what = self.curvature_bound, f"constraint {self.name!r}: its curvature_bound"
+        if callable(bound):
+            try:
+                bound = bound(machine, v, a, j)
+            except Exception as cause:
+                raise ProblemError(f"{what} failed: {cause!r}") from cause
+        try:
+            found = np.broadcast_to(np.asarray(bound, dtype=float), (len(v), rows))
+        except (TypeError, ValueError):
+            raise ProblemError(
+                f"{what} must give {rows} numbers per stretch, not {shortened(bound)}"
+            ) from None
+        # motions that overflow prove nothing, but are no fault of the bound's
+        if not (found >= 0.0).all() and all(np.isfinite(part).all() for part in (v, a, j)):
+            raise ProblemError(f"{what} must not be negative or nan, but is {shortened(bound)}")
+        return found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -197,18 +240,9 @@ class UserRows:
 
     def least_between(self, stretch: Stretch, ends: Array) -> tuple[Array, Array]:
         """Room at the ends less delta^2 / 8 times the user's bound on curvature."""
-        bound = self.given.curvature_bound
-        if callable(bound):
-            bound = bound(self.machine, stretch.v, stretch.a, stretch.j)
-        try:
-            bend = np.broadcast_to(np.asarray(bound, dtype=float), ends.shape)
-        except (TypeError, ValueError):
-            raise ProblemError(
-                f"constraint {self.given.name!r}: curvature_bound must give {len(self.labels)} "
-                f"numbers per stretch, not {shortened(bound)}"
-            ) from None
+        bend = self.given.bend(self.machine, stretch.v, stretch.a, stretch.j, len(self.labels))
         reachable = ends - ROUNDING * self.given.scale
-        sag = 0.125 * stretch.length[:, None] ** 2 * np.abs(bend)
+        sag = 0.125 * stretch.length[:, None] ** 2 * bend
         return np.where(np.isnan(sag), -np.inf, reachable - sag), reachable
 
     def _linearize(
@@ -239,3 +273,17 @@ class UserRows:
         by_S = values - 0.5 * np.einsum("krj,kj->kr", by_v, rate)
         jacobian[:, :, -1] = by_S - np.einsum("krj,kj->kr", by_a, acceleration)
         return S[:, None] * values / self.given.scale, jacobian / self.given.scale
+
+
+def _texts(given: Any, name: str) -> tuple[str, ...]:
+    """A list of texts as a tuple.
+
+    Raises:
+        ProblemError: It is no list, or an entry is no text.
+    """
+    if isinstance(given, str) or not isinstance(given, Sequence):
+        raise ProblemError(f"{name} must be a list of texts, not {shortened(given)}")
+    for text in given:
+        if not isinstance(text, str):
+            raise ProblemError(f"{name} must be texts, not {shortened(text)}")
+    return tuple(given)

@@ -1,10 +1,10 @@
-"""What the planner and the certificate ask of a path constraint.
+"""Protocol of path constraints, as the nonlinear program and the certificate use them.
 
-A path constraint is a value that the user passes to `Problem(constraints=[...])`. Bound to a
-machine it gives rows. In the nonlinear program the rows are evaluated in normalised time s = t / T
-on a `StageSample`; in the certificate they are evaluated in seconds on a `MotionSample` and bounded
-between samples by a `Stretch`. All constraints share these samples, and with them one inverse
-dynamics per state.
+A path constraint is a value that the user passes to `Problem(constraints=[...])`. For a machine it
+gives rows. The nonlinear program evaluates the rows in normalised time s = t / T on a
+`StageSample`. The certificate evaluates them in seconds on a `MotionSample`, and bounds them
+between samples on a `Stretch`. All constraints share these samples, so that inverse dynamics are
+computed once per state.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ __all__ = [
 
 
 class StageModel(Protocol):
-    """A machine at one corner of payload and slope, in n planning coordinates and normalised time.
+    """Dynamics of a machine at one corner of payload and slope, in normalised time s = t / T.
 
-    With w = dq/ds, alpha = d^2q/ds^2 and S = T^2, efforts times S are affine in (alpha, S) and
-    quadratic in w.
+    With n planning coordinates q, w = dq/ds, alpha = d^2q/ds^2 and the squared duration S = T^2,
+    the efforts times S are affine in (alpha, S) and quadratic in w.
     """
 
     @property
@@ -44,28 +44,39 @@ class StageModel(Protocol):
         """Number n of planning coordinates."""
 
     @property
+    def has_momentum_rate(self) -> bool:
+        """Whether the wrench is the rate of momentum A(q) v in the root frame, plus gravity.
+
+        Then its second derivatives by the rates are those of A by the coordinates.
+        """
+
+    @property
     def coordinates(self) -> Coordinates:
-        """From the planning coordinates (without those of a base) to the joints."""
+        """Map from planning coordinates, without those of a base, to joint coordinates."""
 
     def efforts(
         self, q: Array, w: Array, alpha: Array, S: float, positions: Array | None = None
     ) -> Array:
-        """S times wrench and, if the model has them, joint efforts, shape (K, R).
+        """S times the ground reaction wrench, then S times the joint efforts if included, (K, R).
 
         Args:
-            q, w, alpha: Coordinates and their derivatives by s, shape (K, n) each.
+            q, w, alpha: Planning coordinates and their derivatives by s, shape (K, n) each.
             S: Squared duration [s^2].
-            positions: Of a base on uneven ground, shape (K, 2) [m]; None where they do not matter.
+            positions: Positions (x, y) of a base on uneven ground, shape (K, 2) [m]; None for any
+                other base.
         """
 
     def effort_derivatives(
         self, q: Array, w: Array, alpha: Array, S: float, positions: Array | None = None
     ) -> tuple[Array, Array]:
-        """S times the efforts, (K, R), with their Jacobian by (q, w, alpha, S, and positions if
-        there are any), shape (K, R, 3n + 1 [+ 2]).
+        """S times the efforts, with their Jacobian.
 
         Args:
             q, w, alpha, S, positions: Arguments of `efforts`.
+
+        Returns:
+            Efforts times S, shape (K, R), and their Jacobian by (q, w, alpha, S), shape
+            (K, R, 3n + 1); with positions, by (q, w, alpha, S, x, y), shape (K, R, 3n + 3).
         """
 
 
@@ -74,10 +85,11 @@ class StageSample:
     """K states in normalised time, at which all rows of one corner are evaluated.
 
     Attributes:
-        model: Gives the efforts.
+        model: Dynamics of the machine at the corner.
         q, w, alpha: Planning coordinates and their derivatives by s, shape (K, n) each.
         S: Squared duration [s^2].
-        positions: Of a base on uneven ground, shape (K, 2) [m], or None.
+        positions: Positions (x, y) of a base on uneven ground, shape (K, 2) [m]; None for any other
+            base.
     """
 
     model: StageModel
@@ -89,26 +101,26 @@ class StageSample:
 
     @cached_property
     def efforts(self) -> Array:
-        """S times wrench and joint efforts, shape (K, R); computed once, whoever asks."""
+        """S times the efforts, see `StageModel.efforts`; computed once for all constraints."""
         if "effort_derivatives" in self.__dict__:
             return self.effort_derivatives[0]
         return self.model.efforts(self.q, self.w, self.alpha, self.S, self.positions)
 
     @cached_property
     def effort_derivatives(self) -> tuple[Array, Array]:
-        """Efforts with their Jacobian, see `StageModel.effort_derivatives`; computed once."""
+        """Efforts and Jacobian, see `StageModel.effort_derivatives`; computed once for all."""
         return self.model.effort_derivatives(self.q, self.w, self.alpha, self.S, self.positions)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MotionSample:
-    """K states of a motion in seconds.
+    """K states of a motion in seconds, at which all rows of one corner are evaluated.
 
     Attributes:
-        machine: The machine with this corner's payload.
+        machine: The machine with the corner's payload.
         q, v, a: Joint coordinates, rates and accelerations, shape (K, n) each [rad or m, s].
-        efforts: Ground reaction wrench, then joint efforts if a constraint needs them, shape
-            (K, R) [N, N m].
+        efforts: Ground reaction wrench about the root origin, root axes, then joint efforts if a
+            constraint needs them, shape (K, R) [N, N m].
     """
 
     machine: Machine
@@ -118,22 +130,28 @@ class MotionSample:
     efforts: Array
 
     def __getitem__(self, states: Any) -> MotionSample:
-        """Some of the states, by an index, slice or mask."""
+        """Some of the states, by indices, slice or mask."""
         parts = (part[states] for part in (self.q, self.v, self.a, self.efforts))
         return MotionSample(self.machine, *parts)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stretch:
-    """K stretches of a motion, each so short that its ends tell what happens inside.
+    """K stretches of time of a motion, with what bounds the rows between their two ends.
+
+    Joint states have no columns where the rows are `EffortRows`, which need none.
 
     Attributes:
         start, end: States at the ends.
-        length: Shape (K,) [s].
-        reach, v, a, j: Largest |coordinate|, |rate|, |acceleration| and |jerk| of the joints inside,
-            shape (K, n) each.
-        interpolation: How far efforts inside may be from the straight line between the ends.
-        rounding: How far computed efforts may be from exact ones.
+        length: Durations, shape (K,) [s].
+        reach, v, a, j: Largest |coordinate|, |rate|, |acceleration| and |jerk| of each joint
+            inside, shape (K, n) each [rad or m, s].
+        interpolation: Bound on the difference between the efforts inside and polynomials of time
+            with the given control points; it vanishes as stretches get shorter.
+        rounding: Bound on the error of computed efforts, however short the stretch.
+        control: Control points (Bernstein coefficients) of these polynomials, shape (n + 1, K, R).
+            A polynomial lies in the convex hull of its control points; the first and the last are
+            the efforts at the ends.
     """
 
     start: MotionSample
@@ -145,19 +163,20 @@ class Stretch:
     j: Array
     interpolation: EffortBound
     rounding: EffortBound
+    control: Array
 
 
 class ConstraintRows(Protocol):
-    """R rows of a constraint that is bound to a machine at one corner.
+    """R rows of a constraint, for a machine at one corner of payload and slope.
 
-    In the nonlinear program a row is S times its value, scaled to order one, not positive where the
-    constraint holds. In the certificate a row's value is the room that it leaves in its own unit,
-    not negative where the constraint holds.
+    In the nonlinear program, a row is S times its value, scaled to order one; it is at most zero
+    where the constraint is satisfied. In the certificate, a row is the room that it leaves, in its
+    own unit; it is at least zero where the constraint is satisfied.
     """
 
     @property
     def labels(self) -> tuple[str, ...]:
-        """What each row limits, in words; several rows may share a label."""
+        """Quantity that each row limits, in words; several rows may share a label."""
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -165,7 +184,7 @@ class ConstraintRows(Protocol):
 
     @property
     def resolution(self) -> Array:
-        """Room by which a guarantee may fall short of the samples, in each row's unit, (R,)."""
+        """Room by which a guarantee may fall short of the least sample, each unit, shape (R,)."""
 
     @property
     def tolerance(self) -> float:
@@ -173,62 +192,67 @@ class ConstraintRows(Protocol):
 
     @property
     def proven(self) -> bool:
-        """Whether `least_between` holds; otherwise the rows are only sampled."""
+        """Whether `least_between` is a proof; otherwise the rows are only sampled."""
 
     @property
     def per_corner(self) -> bool:
-        """Whether the rows depend on payload or slope; otherwise one corner is enough."""
+        """Whether the rows depend on payload or slope; otherwise one corner is checked."""
 
     @property
     def needs_joint_efforts(self) -> bool:
-        """Whether the rows read joint efforts beside the ground reaction wrench."""
+        """Whether the rows need joint efforts beside the ground reaction wrench."""
 
     def evaluate(self, sample: StageSample) -> Array:
         """Rows in normalised time, shape (K, R)."""
 
     def linearize(self, sample: StageSample) -> tuple[Array, Array]:
-        """Rows with their Jacobian by (q, w, alpha, S), shapes (K, R) and (K, R, 3n + 1 [+ 2])."""
+        """Rows with their Jacobian.
+
+        Returns:
+            Rows, shape (K, R), and their Jacobian by (q, w, alpha, S), shape (K, R, 3n + 1); rows
+            that depend on positions give (K, R, 3n + 3), see `StageModel.effort_derivatives`.
+        """
 
     def curvature(self, sample: StageSample, weights: Array) -> Array:
         """Hessian of `weights . rows` by (q, w, alpha, S), shape (K, 3n + 1, 3n + 1).
 
         Args:
             sample: K states.
-            weights: Shape (K, R).
+            weights: Multiplier of each row, shape (K, R).
         """
 
     def tightened(self, amount: float) -> ConstraintRows:
-        """The rows with the limit drawn in by an amount in their own unit."""
+        """Rows whose limits are stricter by an amount in their own unit."""
 
     def room(self, sample: MotionSample) -> Array:
         """Room that each row leaves, in its own unit, shape (K, R); -inf where it has no value."""
 
     def least_between(self, stretch: Stretch, ends: Array) -> tuple[Array, Array]:
-        """Guaranteed room inside each stretch, and the most that shorter stretches could give.
+        """Lower bound on the room inside each stretch.
 
         Args:
             stretch: K stretches.
-            ends: The lesser of the rooms at their two ends, shape (K, R).
+            ends: Lesser of the rooms at the two ends of each stretch, shape (K, R).
 
         Returns:
-            Shapes (K, R) each.
+            The bound, and the bound that a stretch of no length would give, shape (K, R) each.
         """
 
 
 @runtime_checkable
 class PathConstraint(Protocol):
-    """A constraint along the whole motion, as the user passes it."""
+    """Constraint along a whole motion, as the user passes it to `Problem`."""
 
     @property
     def name(self) -> str:
-        """Its name in guarantees and scenario files."""
+        """Name of the constraint in guarantees, messages and scenario files."""
 
     def rows(self, machine: Machine, coordinates: Coordinates) -> ConstraintRows:
-        """The rows for a machine.
+        """Rows of the constraint for a machine.
 
         Args:
-            machine: With a corner's payload.
-            coordinates: From planning coordinates to joints.
+            machine: Machine with a corner's payload.
+            coordinates: Map from planning coordinates to joint coordinates.
 
         Raises:
             ProblemError: The machine lacks what the constraint needs; the message says what.

@@ -6,6 +6,7 @@ One import line here makes a constraint known to all of them: the class is expor
 """
 
 from zmp_sqp.planning.constraints.path_rows import PathRows as PathRows
+from zmp_sqp.planning.constraints.torque import TorqueLimits as TorqueLimits
 
 # --- the lines above are the registry ---
 

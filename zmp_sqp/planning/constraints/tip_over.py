@@ -1,8 +1,9 @@
-"""The machine neither tips over nor leaves the ground."""
+"""Constraints that keep the machine from tipping over and from lifting off the ground."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -17,53 +18,76 @@ from zmp_sqp.mechanics.wrench import WRENCH
 from zmp_sqp.planning.constraints.effort_rows import EffortRows
 from zmp_sqp.planning.constraints.protocol import MotionSample, Stretch
 
-__all__ = ["GUARD", "LEAST_NORMAL_FORCE", "Contact", "TipOver", "TipOverRows", "supported"]
+__all__ = [
+    "GUARD",
+    "LEAST_NORMAL_FORCE",
+    "Contact",
+    "TipOver",
+    "TipOverRows",
+    "edge_label",
+    "supported",
+]
 
 # [m] kept beyond the margin that is asked for: the search need not end exactly on its rows, and the
 # proof needs few samples. Costs less than 0.01 % of the duration
 GUARD = 2e-4
+TOLERANCE_SHARE = 0.15  # of the guard, that rows may be violated by at a solution
+GUARD_SHARE = 6e-5  # of the polygon's reach: on small machines the guard is no larger than this
 LEAST_NORMAL_FORCE = 0.05  # of the weight: with less the tracks are as good as in the air
 RESOLUTION = 2e-4  # [m] by which a guaranteed margin may fall short of the sampled one
 
 
 @dataclass(frozen=True, slots=True)
 class TipOver:
-    r"""The zero moment point keeps a margin from every edge of the support polygon.
+    r"""Constraint that the zero moment point p keeps a margin from every support polygon edge.
 
     .. math:: (e_i \cdot p - b_i + margin)\, f_z \le 0
 
-    which is linear in the ground reaction wrench, see `SupportPolygon.wrench_rows`.
+    with the outward unit normal e_i and the offset b_i of edge i and the normal force f_z. It is
+    linear in the ground reaction wrench, see `SupportPolygon.wrench_rows`.
 
     Attributes:
-        margin: Least distance from every edge [m].
+        margin: Required distance from the zero moment point to every edge [m].
     """
 
     margin: float = 0.0
     name = "tip_over"
 
     def rows(self, machine: Machine, coordinates: Coordinates) -> TipOverRows:
-        """One row per edge."""
-        return TipOverRows.of(machine, self.margin + GUARD)
+        """One row per edge, with `GUARD` added to the margin."""
+        guard = min(GUARD, GUARD_SHARE * supported(machine).reach)
+        return TipOverRows.of(machine, self.margin + guard)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TipOverRows(EffortRows):
-    """Rows of the support polygon's edges; their room is the distance of the zero moment point.
+    """Rows of `TipOver`, one per edge; their room is the distance from the zero moment point [m].
 
     Attributes:
-        support: The polygon.
-        weight: Mass times gravity, which scales the rows [N].
-        margin: Distance that the rows keep in the program [m].
+        support: The support polygon.
+        weight: Mass times gravity, which scales the rows to order one [N].
+        margin: Distance from every edge that the rows enforce in the program [m].
+        distance: Matrix that gives -f_z times the distance from every edge, from the wrench, shape
+            (R, 6).
     """
 
     support: SupportPolygon
     weight: float
     margin: float
-    tolerance = 3e-5  # [m] times the share of the weight on the ground
+    distance: Array
+
+    @property
+    def tolerance(self) -> float:  # type: ignore[override]
+        """Violation of a row at a solution: a share of what the guard keeps [m]."""
+        return TOLERANCE_SHARE * min(GUARD, GUARD_SHARE * self.support.reach)
 
     @classmethod
     def of(cls, machine: Machine, margin: float) -> TipOverRows:
-        """Rows of a machine's polygon.
+        """Rows of a machine's support polygon.
+
+        Args:
+            machine: Machine with a corner's payload.
+            margin: Distance from every edge that the rows enforce [m].
 
         Raises:
             ProblemError: The machine has no support polygon.
@@ -74,69 +98,97 @@ class TipOverRows(EffortRows):
             C=support.wrench_rows(margin),
             c=np.zeros(count),
             divisor=np.full(count, weight),
-            labels=tuple(f"{support.edge_name(i)} edge" for i in range(count)),
+            labels=_edge_labels(support),
             units=("m",) * count,
             resolution=np.full(count, RESOLUTION),
             support=support,
             weight=weight,
             margin=margin,
+            distance=support.wrench_rows(),
         )
 
     def tightened(self, amount: float) -> TipOverRows:
-        """The rows with a margin that is larger by an amount [m]."""
+        """Rows whose margin is larger by an amount [m]."""
         margin = self.margin + amount
         return replace(self, C=self.support.wrench_rows(margin), margin=margin)
 
     def room(self, sample: MotionSample) -> Array:
-        """Distance from the zero moment point to each edge, -inf where the ground must pull [m]."""
+        """Signed distance from the zero moment point to each edge, shape (K, R) [m].
+
+        It is -inf where the ground would have to pull, f_z <= 0.
+        """
         wrench = sample.efforts[:, :WRENCH]
         normal = wrench[:, 2:3]
         with np.errstate(all="ignore"):
-            distance = -(wrench @ self.support.wrench_rows().T) / normal
-        return np.where((normal > 0.0) & np.isfinite(distance), distance, -np.inf)
+            distance = (wrench @ self.distance.T) / -normal
+        distance[~((normal > 0.0) & np.isfinite(distance))] = -np.inf
+        return distance
 
-    def least_between(self, stretch: Stretch, ends: Array) -> tuple[Array, Array]:
-        r"""Least distance inside a stretch.
+    def least_of(self, stretch: Stretch, room: Array) -> tuple[Array, Array]:
+        r"""Lower bound on the distance from each edge inside each stretch.
 
-        With r = e . p f_z - b f_z of an edge (linear in the wrench) and m the lesser distance at the
-        two ends, h = r + m f_z is not positive at both, so that by the error of interpolation
+        Let r = (e . p - b) f_z, which is linear in the wrench, and let m be the least distance at
+        the control points of the wrench. Then r + m f_z is not positive at any control point, hence
+        nowhere on the polynomial. If the wrench is not the polynomial's, r + m f_z exceeds that of
+        the polynomial by at most :math:`\epsilon`, so that
 
-        .. math:: \text{distance}(t) \ge m - \frac{\max |h - \text{chord}|}{\min f_z}
+        .. math:: b - e \cdot p(t) \ge m - \frac{\epsilon}{\min f_z}
+
+        Args:
+            stretch: K stretches.
+            room: Distances at their control points, shape (n + 1, K, R) [m].
+
+        Returns:
+            The bound, and the bound that a stretch of no length would give, shape (K, R) each [m].
         """
-        normal = np.minimum(stretch.start.efforts[:, 2], stretch.end.efforts[:, 2])[:, None]
-        rows = self.support.wrench_rows()
+        normal = stretch.control[:, :, 2:3]  # (n + 1, K, 1)
+        every = stretch.rounding.plus(stretch.interpolation)
+        bound = self._less(room.min(axis=0), normal.min(axis=0), every)
+        # an end with little room may be the one with much normal force
+        ends = (self._less(room[i], normal[i], stretch.rounding) for i in (0, -1))
+        return bound, np.minimum(*ends)
 
-        def less(off: EffortBound) -> Array:
-            force, moment = off.force[:, None], off.moment[:, None]
-            error = np.linalg.norm(rows[:, :3], axis=1) * force
-            error = error + np.linalg.norm(rows[:, 3:], axis=1) * moment
-            inside = ends - (error + np.abs(ends) * force) / (normal - force)
-            return np.where((normal > force) & ~np.isnan(inside), inside, -np.inf)
+    def _less(self, distance: Array, normal: Array, off: EffortBound) -> Array:
+        """Distances (K, R) less what an error of the wrench can change, -inf without contact.
 
-        return less(stretch.interpolation.plus(stretch.rounding)), less(stretch.rounding)
+        Args:
+            distance: Shape (K, R) [m].
+            normal: Least normal force, shape (K, 1) [N].
+            off: Bound on the error of the wrench, shape (K,).
+        """
+        force, moment = off.force[:, None], off.moment[:, None]
+        with np.errstate(all="ignore"):
+            error = np.linalg.norm(self.distance[:, :3], axis=1) * force
+            error = error + np.linalg.norm(self.distance[:, 3:], axis=1) * moment
+            inside = distance - (error + np.abs(distance) * force) / (normal - force)
+        return np.where((normal > force) & ~np.isnan(inside), inside, -np.inf)
 
     def outside(self, wrench: Array) -> Array:
-        """Largest distance of the zero moment point beyond the rows' margin, shape (K,) [m]."""
+        """Distance by which the zero moment point violates the margin of the rows, (K,) [m].
+
+        Args:
+            wrench: Ground reaction about the root origin, root axes, shape (K, 6) [N, N m].
+        """
         return np.asarray((wrench @ self.C.T / wrench[:, 2:3]).max(axis=1))
 
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    r"""The ground presses on the machine, so that there is a zero moment point: f_z > 0.
+    r"""Constraint that the ground presses on the machine, without which there is no ZMP.
+
+    The certificate proves f_z > 0. The program enforces a little more,
 
     .. math:: f_z \ge least \cdot m g
 
-    in the program; the certificate proves f_z > 0.
-
     Attributes:
-        least: Normal force that the program keeps, as a share of the weight.
+        least: Least normal force in the program, as a share of the weight m g.
     """
 
     least: float = LEAST_NORMAL_FORCE
     name = "contact"
 
     def rows(self, machine: Machine, coordinates: Coordinates) -> ContactRows:
-        """One row."""
+        """One row: the normal force."""
         weight = machine.mass * GRAVITY
         C = np.zeros((1, WRENCH))
         C[0, 2] = -1.0
@@ -152,25 +204,37 @@ class Contact:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ContactRows(EffortRows):
-    """Row of the normal force; its room is the force itself."""
+    """Row of `Contact`; its room is the normal force [N]."""
 
     tolerance = 3e-5  # of the weight
 
     def room(self, sample: MotionSample) -> Array:
-        """Normal force, shape (K, 1) [N]."""
+        """Normal force, shape (K, 1) [N]; -inf where it has no value."""
         normal = sample.efforts[:, 2:3]
         return np.where(np.isfinite(normal), normal, -np.inf)
 
 
+@lru_cache(maxsize=32)
+def _edge_labels(support: SupportPolygon) -> tuple[str, ...]:
+    """Labels of all edges."""
+    return tuple(edge_label(support, i) for i in range(len(support.vertices)))
+
+
 def supported(machine: Machine) -> SupportPolygon:
-    """The machine's support polygon.
+    """Support polygon of a machine.
 
     Raises:
-        ProblemError: It has none.
+        ProblemError: The machine has no support polygon.
     """
     if machine.support is None:
         raise ProblemError(
-            f"machine {machine.name!r} has no support polygon: give support= to load_machine, "
-            "a SupportPolygon or the names of its contact links"
+            f"machine {machine.name!r} has no support polygon: give support with the machine, "
+            "either the polygon or the names of the links that stand on the ground"
         )
     return machine.support
+
+
+def edge_label(support: SupportPolygon, index: int) -> str:
+    """Edge in words: "left edge" on a rectangle, "edge 3" on any other polygon."""
+    name = support.edge_name(index)
+    return name if name.startswith("edge") else f"{name} edge"

@@ -1,1 +1,1 @@
-"""What is asked: the planning problem and its parts."""
+"""The planning problem: machine, start, goal, ground, base, and the checks of all of them."""

@@ -1,12 +1,13 @@
-"""Checks of the parts of a problem, each with one sentence that says what is wrong."""
+"""Checks of the arguments of a `Problem`; each raises a `ProblemError` that says what is wrong."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
-from zmp_sqp.arrays import Array, finite_number, shortened
+from zmp_sqp.arrays import Array, distinct_texts, finite_number, shortened
 from zmp_sqp.errors import MachineError, ProblemError
 from zmp_sqp.mechanics.coordinates import Coordinates
 from zmp_sqp.mechanics.limits import JointLimits
@@ -16,37 +17,73 @@ from zmp_sqp.planning.constraints.tip_over import supported
 
 __all__ = [
     "UNCERTAINTIES",
+    "Range",
     "check_boundary_state",
     "check_limits",
     "check_simplified",
+    "checked_in_range",
+    "AUTO",
+    "MOST_ACCELERATIONS",
     "checked_intervals",
     "checked_margin",
-    "checked_share",
 ]
 
-# memory grows with their square in the dense form of the program, here to 2 GB
-MOST_ACCELERATIONS = 10_000  # intervals times joints
-# what may be uncertain by a single number, with the range of that number
+
+class Range(NamedTuple):
+    """Closed range of a number that a problem takes.
+
+    Attributes:
+        name: Name of the argument.
+        lower: Least value.
+        upper: Largest value.
+        unit: Unit of the values; empty for a share.
+    """
+
+    name: str
+    lower: float
+    upper: float
+    unit: str
+
+
+class _Limits(NamedTuple):
+    """Limits of one joint [rad or m, s]."""
+
+    lower: float
+    upper: float
+    velocity: float
+    acceleration: float
+
+
+# intervals times joints: the dense form of the QPs needs memory in its square, here 2 GB
+AUTO = "auto"  # number of intervals that the planner chooses
+MOST_ACCELERATIONS = 10_000
 UNCERTAINTIES = (
-    ("tipping_fraction", 0.1, 1.0),
-    ("payload_uncertainty", 0.0, 0.9),
-    ("slope_uncertainty", 0.0, 0.5),
+    Range("tipping_fraction", 0.1, 1.0, ""),
+    Range("payload_uncertainty", 0.0, 0.9, ""),
+    Range("slope_uncertainty", 0.0, 0.5, "rad"),
 )
-FARTHEST = 1e5  # [rad or m] coordinates beyond it leave too few digits
-LIMIT_TOLERANCE = 1e-9  # [rad or m] by which rounding may put a start or goal outside its limits
-# [rad or m, per second, per second squared] beyond, squares of durations overflow
+FARTHEST = 1e5  # [rad or m] largest coordinate: beyond it, float64 leaves too few digits
+LIMIT_TOLERANCE = 1e-9  # [rad or m] distance outside a limit that counts as rounding
+# [rad/s or m/s; rad/s^2 or m/s^2] range of velocity and acceleration limits: outside it, squared
+# durations overflow
 LIMIT_RANGE = (1e-12, 1e12)
 
 
-def checked_intervals(given: object, joints: int) -> int:
-    """A whole number of intervals.
+def checked_intervals(given: object, joints: int) -> int | str:
+    """Number of intervals as a Python integer, or "auto".
+
+    Args:
+        given: Number of intervals as the user gave it.
+        joints: Number of joints.
 
     Raises:
-        ProblemError: No whole number, below 2, or too many for so many joints.
+        ProblemError: Neither "auto" nor a whole number, below 2, or more than `MOST_ACCELERATIONS / joints`.
     """
+    if isinstance(given, str) and given == AUTO:
+        return AUTO
     if isinstance(given, bool) or not isinstance(given, (int, np.integer)) or given < 2:
         raise ProblemError(
-            f"intervals must be a whole number of at least 2, not {shortened(given)}"
+            f'intervals must be a whole number of at least 2 or "auto", not {shortened(given)}'
         )
     if given * joints > MOST_ACCELERATIONS:
         raise ProblemError(
@@ -57,7 +94,11 @@ def checked_intervals(given: object, joints: int) -> int:
 
 
 def check_limits(machine: Machine) -> None:
-    """Refuse limits that are missing or out of the range that planning can count with."""
+    """Refuse velocity and acceleration limits that are missing or outside `LIMIT_RANGE`.
+
+    Raises:
+        ProblemError: The message names the limit and the joint.
+    """
     missing = machine.limits.missing(machine.joint_names)
     if missing:
         parts = [
@@ -65,8 +106,8 @@ def check_limits(machine: Machine) -> None:
             for key, joints in missing.items()
         ]
         raise ProblemError(
-            f"no {'; no '.join(parts)}: give limits= to load_machine, "
-            "or a joint_limits.yaml beside the URDF"
+            f"no {'; no '.join(parts)}: give limits with the machine, "
+            "or put a joint_limits.yaml beside its URDF"
         )
     least, most = LIMIT_RANGE
     for key in ("velocity", "acceleration"):
@@ -74,16 +115,21 @@ def check_limits(machine: Machine) -> None:
             if not least <= value <= most:
                 raise ProblemError(
                     f"{key} limit of joint {joint!r} is {value:.6g}: "
-                    f"planning needs {least:g} to {most:g}"
+                    f"planning needs a value from {least:g} to {most:g}"
                 )
 
 
 def checked_margin(given: object, machine: Machine) -> float:
-    """A margin that leaves something of the machine's support polygon [m]."""
+    """Required distance from the ZMP to every edge of the support polygon [m].
+
+    Raises:
+        ProblemError: The machine has no support polygon, or the margin is no number, negative, or
+            so large that no point of the polygon has this distance from every edge.
+    """
     support = supported(machine)
     margin = finite_number(given, name="margin", error=ProblemError)
     if margin < 0.0:
-        raise ProblemError(f"margin must not be negative, not {margin} m")
+        raise ProblemError(f"margin must be at least 0 m, not {margin} m")
     try:
         support.inset(margin)
     except MachineError:
@@ -91,24 +137,35 @@ def checked_margin(given: object, machine: Machine) -> float:
     return margin
 
 
-def checked_share(name: str, given: object, lower: float, upper: float) -> float:
-    """A number within a range."""
-    value = finite_number(given, name=name, error=ProblemError)
-    if not lower <= value <= upper:
-        raise ProblemError(f"{name} must lie within [{lower:g}, {upper:g}], not {value:g}")
+def checked_in_range(allowed: Range, given: object) -> float:
+    """Number that lies within a range.
+
+    Raises:
+        ProblemError: Not a finite number, or outside the range; the message gives the range.
+    """
+    value = finite_number(given, name=allowed.name, error=ProblemError)
+    if not allowed.lower <= value <= allowed.upper:
+        shown, lower, upper = distinct_texts(value, allowed.lower, allowed.upper)
+        unit = f" {allowed.unit}" if allowed.unit else ""
+        raise ProblemError(
+            f"{allowed.name} must lie within [{lower}, {upper}]{unit}, not {shown}{unit}"
+        )
     return value
 
 
 def check_simplified(
     machine: Machine, coordinates: Coordinates, *, goal: Array, rates: tuple[Array, Array]
 ) -> None:
-    """Refuse a goal, or rates at start and goal, that the simplified model cannot have.
+    """Refuse a goal, or boundary rates, that no coordinates of the simplified model give.
 
     Args:
         machine: The machine.
-        coordinates: Of the simplified model.
-        goal: Joint coordinates, shape (n,).
-        rates: Joint rates at start and goal, shape (n,) each.
+        coordinates: Map from the simplified model's coordinates to the joints.
+        goal: Joint coordinates at the goal, shape (n,) [rad].
+        rates: Joint rates at the start and at the goal, shape (n,) each [rad/s].
+
+    Raises:
+        ProblemError: The message names the joint that is furthest off, and its possible value.
     """
 
     def on_rates(v: Array) -> Array:
@@ -117,61 +174,77 @@ def check_simplified(
     def on_joints(q: Array) -> Array:
         return coordinates.joints(coordinates.coordinates_of(q))
 
-    asked: tuple[tuple[str, Array, Callable[[Array], Array]], ...] = (
-        ("goal", goal, on_joints),
-        ("start velocity", rates[0], on_rates),
-        ("goal velocity", rates[1], on_rates),
+    asked: tuple[tuple[str, str, Array, Callable[[Array], Array]], ...] = (
+        ("goal", "rad", goal, on_joints),
+        ("start velocity", "rad/s", rates[0], on_rates),
+        ("goal velocity", "rad/s", rates[1], on_rates),
     )
-    for name, values, fit in asked:
+    for name, unit, values, fit in asked:
         fitted = fit(values)
         worst = int(np.argmax(np.abs(values - fitted)))
         if abs(values[worst] - fitted[worst]) > FORM_TOLERANCE:
+            possible, wanted = distinct_texts(float(fitted[worst]), float(values[worst]))
             raise ProblemError(
                 f"the simplified model cannot reach the {name}: its joint "
-                f"{machine.joint_names[worst]!r} would be at {fitted[worst]:.6g}, "
-                f"not {values[worst]:.6g} (eq. 7; the head keeps its attitude at the start)"
+                f"{machine.joint_names[worst]!r} would have {possible} {unit}, not {wanted} {unit}"
+                " (Song & Sharf 2020, eq. (7), ties stick and levelling joint to the boom; "
+                "joints beyond keep their start angles)"
             )
 
 
 def check_boundary_state(name: str, machine: Machine, q: Array, v: Array) -> None:
-    """Refuse a start or goal outside the joints' limits, or with rates that lead out of them.
+    """Refuse a start or goal outside the joint limits, or with rates that lead out of them.
 
     Args:
-        name: "start" or "goal".
+        name: "start" or "goal", for the message.
         machine: The machine.
-        q, v: Joint coordinates and rates there, shape (n,) each.
+        q: Joint coordinates, shape (n,) [rad or m].
+        v: Joint rates, shape (n,) [rad/s or m/s].
+
+    Raises:
+        ProblemError: The message names the joint, and gives value and limits.
     """
     for i, joint in enumerate(machine.joint_names):
-        _check_joint(
-            name, joint, machine.joint_units[i], machine.limits, i, float(q[i]), float(v[i])
-        )
+        one = _one_joint(machine.limits, i)
+        _check_joint(name, joint, machine.joint_units[i], one, q=float(q[i]), v=float(v[i]))
 
 
-def _check_joint(
-    name: str, joint: str, unit: str, limits: JointLimits, i: int, q: float, v: float
-) -> None:
-    lower, upper = limits.position_lower[i], limits.position_upper[i]
-    if not lower - LIMIT_TOLERANCE <= q <= upper + LIMIT_TOLERANCE:
+def _one_joint(limits: JointLimits, i: int) -> _Limits:
+    return _Limits(
+        lower=float(limits.position_lower[i]),
+        upper=float(limits.position_upper[i]),
+        velocity=float(limits.velocity[i]),
+        acceleration=float(limits.acceleration[i]),
+    )
+
+
+def _check_joint(name: str, joint: str, unit: str, limits: _Limits, *, q: float, v: float) -> None:
+    """Refuse a coordinate or rate of one joint; arguments as in `check_boundary_state`."""
+    if not limits.lower - LIMIT_TOLERANCE <= q <= limits.upper + LIMIT_TOLERANCE:
+        shown, lower, upper = distinct_texts(q, limits.lower, limits.upper)
         raise ProblemError(
-            f"{name} of joint {joint!r} is {q:.6g}, "
-            f"outside its limits [{lower:.6g}, {upper:.6g}] {unit}"
+            f"{name} of joint {joint!r} is {shown}, outside its limits [{lower}, {upper}] {unit}"
         )
-    if abs(v) > limits.velocity[i] * (1.0 + LIMIT_TOLERANCE):
+    if abs(v) > limits.velocity * (1.0 + LIMIT_TOLERANCE):
+        shown, _, largest = distinct_texts(v, abs(v), limits.velocity)
         raise ProblemError(
-            f"{name} velocity of joint {joint!r} is {v:.6g}, "
-            f"outside its limits +-{limits.velocity[i]:.6g}"
+            f"{name} velocity of joint {joint!r} is {shown}, "
+            f"outside its limits +-{largest} {unit}/s"
         )
     if abs(q) > FARTHEST:
         raise ProblemError(
-            f"{name} of joint {joint!r} is {q:.6g}: planning needs it within +-{FARTHEST:g}"
+            f"{name} of joint {joint!r} is {q:.6g} {unit}: "
+            f"planning needs it within +-{FARTHEST:g} {unit}"
         )
-    onward = v if name == "start" else -v  # at the goal, the way it must have come from
-    room = upper - q if onward > 0.0 else q - lower
-    needed = onward**2 / (2.0 * limits.acceleration[i])
+    # the joint must be able to stop after the start, or to speed up before the goal
+    onward = v if name == "start" else -v
+    room = limits.upper - q if onward > 0.0 else q - limits.lower
+    needed = onward**2 / (2.0 * limits.acceleration)
     if needed > room + LIMIT_TOLERANCE:
-        what = "stop before" if name == "start" else "reach that rate from"
-        side = f"upper limit {upper:.6g}" if onward > 0.0 else f"lower limit {lower:.6g}"
+        change = "stop before" if name == "start" else "speed up from"
+        side, limit = ("upper", limits.upper) if onward > 0.0 else ("lower", limits.lower)
+        least, available = distinct_texts(needed, room, digits=4)
         raise ProblemError(
-            f"{name} velocity {v:.6g} of joint {joint!r} leaves no room to {what} its {side}: "
-            f"{needed:.4g} needed, {room:.4g} there"
+            f"{name} velocity {v:.6g} {unit}/s of joint {joint!r} leaves no room to {change} its "
+            f"{side} limit {limit:.6g} {unit}: {least} {unit} needed, {available} {unit} available"
         )

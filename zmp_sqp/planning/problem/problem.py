@@ -1,4 +1,4 @@
-"""The question: from where to where, on which ground, with which margin."""
+"""The planning problem: start, goal, ground, margin, uncertainties and constraints of a machine."""
 
 from __future__ import annotations
 
@@ -19,13 +19,14 @@ from zmp_sqp.planning.constraints.distance import DistanceLimits
 from zmp_sqp.planning.constraints.protocol import PathConstraint
 from zmp_sqp.planning.constraints.tip_over import Contact, TipOver
 from zmp_sqp.planning.problem.checks import (
+    AUTO,
     UNCERTAINTIES,
     check_boundary_state,
     check_limits,
     check_simplified,
+    checked_in_range,
     checked_intervals,
     checked_margin,
-    checked_share,
 )
 from zmp_sqp.planning.problem.statics import (
     check_at_rest,
@@ -41,36 +42,50 @@ from zmp_sqp.planning.problem.unicycle_base import UnicycleBase
 
 __all__ = ["MODELS", "Problem"]
 
-LEVEL = Slope()
-MODELS = ("full", "simplified")
+LEVEL = Slope()  # the default ground
+MODELS = ("full", "simplified")  # values of `Problem.model`
+# arguments with one number per joint
 STATES = ("start", "goal", "start_velocity", "goal_velocity")
+FIRST_INTERVALS = 50  # where the planner chooses
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Problem:
-    """Fastest motion of a machine from a start to a goal with its ZMP inside the support polygon.
+    r"""Question for the fastest motion from a start to a goal that does not tip the machine over.
+
+    .. math:: \min T \quad \text{s.t. } q(0), \dot q(0), q(T), \dot q(T) \text{ given, limits, }
+              \min_i (b_i - e_i \cdot p(t)) \ge margin
+
+    where p is the zero moment point (ZMP) and e_i . p = b_i are the edges of the support polygon
+    (Song & Sharf 2020, eq. (19)). The last condition includes the nominal payload and slope and
+    every one that the uncertainties allow.
 
     Attributes:
         machine: The machine, with its payload, limits and support polygon.
         start: Joint coordinates at the start, shape (n,) [rad or m].
         goal: Joint coordinates at the goal, shape (n,) [rad or m].
-        ground: What the machine stands on.
+        ground: Ground that the machine stands or drives on: a Slope, a Heightmap, or any object
+            with their method `gravity(yaw)`.
         start_velocity: Joint rates at the start, shape (n,) [rad/s or m/s]; None is rest.
-        goal_velocity: Joint rates at the goal, likewise.
-        margin: Distance kept between ZMP and every edge [m].
-        intervals: Number N of equal intervals with constant acceleration.
-        model: "full": every joint is planned; "simplified": slew angle and distance of the lumped
-            mass, eq. (20).
-        distance_limits: The paper's bounds on that distance in place of the joints' limits; None
-            keeps the joints' own.
-        base: Where the machine drives meanwhile; None stands still at yaw zero.
-        tipping_fraction: Share of the load that tips it which the payload may be (ISO 10567: 0.75):
-            the motion is safe with the payload divided by it, too.
-        payload_uncertainty: Share by which the payload's mass and inertia may be off, either way.
-        slope_uncertainty: Angle by which gravity may be off, in any direction [rad].
-        payload_com_uncertainty: By how much the payload's centre of mass may be off along each axis
-            of the frame that carries it, either way; scalar or shape (3,) [m].
-        constraints: Path constraints beside tip-over and the joint limits, such as `TorqueLimits()`.
+        goal_velocity: Joint rates at the goal, shape (n,) [rad/s or m/s]; None is rest.
+        margin: Required distance from the ZMP to every edge of the support polygon [m].
+        intervals: Number N of equal intervals of the time grid; with "auto" as many, from 50 on, as
+            bring the duration within 0.1 % of that on a grid four times as fine, by estimate.
+        model: "full" plans every joint; "simplified" plans the slew angle and the distance of the
+            lumped mass from the slew axis (Song & Sharf 2020, eq. (20)).
+        distance_limits: Bounds on the lumped mass that replace the limits of boom, stick and
+            levelling joint, for the simplified model only; None uses the joint limits.
+        base: Start, goal and limits of a base that drives while the arm moves; None for a base
+            that stands at x = y = yaw = 0.
+        tipping_fraction: Largest ratio of the payload to the load that tips the machine over
+            (ISO 10567: 0.75). The motion is also safe with the payload divided by this ratio.
+        payload_uncertainty: Largest relative error of the payload's mass and inertia.
+        slope_uncertainty: Largest angle between the actual and the nominal gravity, in any
+            direction [rad].
+        payload_com_uncertainty: Largest error of the payload's centre of mass along each axis of
+            the frame that carries it, scalar or shape (3,) [m].
+        constraints: Path constraints beside tip-over and the joint limits, such as
+            `TorqueLimits()`.
 
     Raises:
         ProblemError: The problem contradicts itself or the machine's limits, or the machine tips
@@ -85,7 +100,7 @@ class Problem:
     start_velocity: Any = None
     goal_velocity: Any = None
     margin: float = 0.0
-    intervals: int = 50
+    intervals: int | str = 50
     model: str = "full"
     distance_limits: DistanceLimits | None = None
     base: UnicycleBase | None = None
@@ -104,19 +119,20 @@ class Problem:
             )
         if isinstance(self.ground, type) or not isinstance(self.ground, Ground):
             raise ProblemError(
-                f"ground must have a gravity(yaw) as Slope has, not {shortened(self.ground)}"
+                "ground must be a Slope, a Heightmap, or an object with their method "
+                f"gravity(yaw), not {shortened(self.ground)}"
             )
         for name in STATES:
             self._set(name, self._state(name))
         self._set("intervals", checked_intervals(self.intervals, self.machine.size))
         if self.model not in MODELS:
-            raise ProblemError(f"unknown model {self.model!r}; there is {', '.join(MODELS)}")
+            raise ProblemError(f"unknown model {self.model!r}; models are {', '.join(MODELS)}")
         check_limits(self.machine)
         self._set("margin", checked_margin(self.margin, self.machine))
         self._set("_undercarriage", undercarriage_of(self.base, self.ground))
         self._undercarriage.check(self.machine, self.model)
-        for name, lower, upper in UNCERTAINTIES:
-            self._set(name, checked_share(name, getattr(self, name), lower, upper))
+        for allowed in UNCERTAINTIES:
+            self._set(allowed.name, checked_in_range(allowed, getattr(self, allowed.name)))
         name = "payload_com_uncertainty"
         self._set(name, com_box(getattr(self, name), name=name))
         self._set("constraints", checked_constraints(self.constraints))
@@ -124,11 +140,21 @@ class Problem:
         for name in ("start", "goal"):
             self._check_boundary(name)
 
+    @property
+    def refines(self) -> bool:
+        """Whether the planner chooses the number of intervals."""
+        return self.intervals == AUTO
+
+    @property
+    def first_intervals(self) -> int:
+        """Number of intervals of the first grid that has the last word: N, or 50."""
+        return FIRST_INTERVALS if isinstance(self.intervals, str) else self.intervals
+
     def _set(self, name: str, value: Any) -> None:
         object.__setattr__(self, name, value)
 
     def _state(self, name: str) -> Array:
-        """Joint coordinates or rates at the start or the goal, checked; rates default to rest."""
+        """One of `STATES` as a read-only array, shape (n,); velocities default to zero."""
         given, joints = getattr(self, name), self.machine.joint_names
         if given is None and name.endswith("velocity"):
             given = np.zeros(len(joints))
@@ -136,10 +162,10 @@ class Problem:
         return frozen_array(given, name=name, shape=shape, error=ProblemError, labels=joints)
 
     def _planned(self) -> Coordinates:
-        """What is planned: the joints, or the coordinates of the simplified model."""
+        """Planning coordinates; raises a ProblemError where the simplified model does not fit."""
         given = self.distance_limits
         if given is not None and self.model != "simplified":
-            raise ProblemError('distance_limits belong to model="simplified"')
+            raise ProblemError(f'distance_limits need model="simplified", not {self.model!r}')
         if given is not None and not isinstance(given, DistanceLimits):
             raise ProblemError(
                 f"distance_limits must be DistanceLimits, not {type(given).__name__}"
@@ -152,7 +178,7 @@ class Problem:
         return coordinates
 
     def _check_boundary(self, name: str) -> None:
-        """Refuse a start or goal that breaks a limit or a constraint whatever the motion."""
+        """Refuse a start or goal that no motion can leave or reach within all limits."""
         q, v = getattr(self, name), getattr(self, f"{name}_velocity")
         check_boundary_state(name, self.machine, q, v)
         pose = self.undercarriage.pose(name)
@@ -167,36 +193,38 @@ class Problem:
 
     @property
     def coordinates(self) -> Coordinates:
-        """What is planned: the joints, or the coordinates of the simplified model."""
+        """Planning coordinates of the arm: the joints, or those of the simplified model."""
         return self._coordinates
 
     @property
     def undercarriage(self) -> Undercarriage:
-        """The undercarriage, which stands or drives."""
+        """Undercarriage of the machine, which stands or drives."""
         return self._undercarriage
 
     @property
     def own_constraints(self) -> tuple[PathConstraint, ...]:
-        """Path constraints beside tip-over: the user's, and bounds on the lumped mass."""
+        """Path constraints that the user gave, and the bounds on the lumped mass if given."""
         given: tuple[PathConstraint, ...] = self.constraints
         return given if self.distance_limits is None else (*given, self.distance_limits)
 
     @property
     def path_constraints(self) -> tuple[PathConstraint, ...]:
-        """All path constraints, tip-over and contact first."""
+        """All path constraints: tip-over, contact, then `own_constraints`."""
         return (TipOver(self.margin), Contact(), *self.own_constraints)
 
     def corners(self, *, every: bool = False) -> tuple[Corner, ...]:
-        """Extremes of payload and slope that the motion must be safe for; one if all is certain.
+        """Extremes of payload and slope for which the motion must be safe; one if all is certain.
 
         Args:
-            every: All that a proof needs, not only those that a search does.
+            every: Whether to return all corners that a proof needs; otherwise only those that the
+                search needs.
         """
         return self._corners_of(self.machine, self.ground, every=every)
 
     def _corners_of(
         self, machine: Machine, ground: Ground, *, every: bool = False
     ) -> tuple[Corner, ...]:
+        """Corners of this problem's uncertainties for another machine or ground."""
         return corners(
             machine,
             ground,

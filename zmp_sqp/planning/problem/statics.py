@@ -1,9 +1,15 @@
-"""Whether a machine tips over at rest, and how much less payload or slope would keep it standing."""
+"""Checks of the start and the goal: the machine must not tip over there or break a constraint.
+
+No motion can begin or end in a state that fails these checks, so `Problem` refuses it before
+anything is planned. Where a machine at rest tips over, the message names the largest payload and
+the steepest slope with which it would not.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,9 +19,17 @@ from zmp_sqp.mechanics.coordinates import Coordinates
 from zmp_sqp.mechanics.ground import Ground, Slope, Terrain
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.uncertainty import Corner
-from zmp_sqp.mechanics.wrench import efforts, ground_reaction, ground_reaction_derivatives
+from zmp_sqp.mechanics.wrench import (
+    WrenchDerivatives,
+    efforts,
+    ground_reaction,
+    ground_reaction_derivatives,
+)
 from zmp_sqp.mechanics.zero_moment_point import zmp_of_wrench
+from zmp_sqp.planning.constraints.guarantee import amount_in_words
 from zmp_sqp.planning.constraints.protocol import MotionSample, PathConstraint
+from zmp_sqp.planning.constraints.tip_over import supported
+from zmp_sqp.planning.problem.zmp_words import edge_text, zmp_position
 
 __all__ = [
     "check_at_rest",
@@ -24,43 +38,63 @@ __all__ = [
     "gentler",
     "gravity_under",
     "largest_share",
-    "possible_instead",
+    "tilt_of",
 ]
 
-TOLERANCE = 1e-9  # [m] rounding that a ZMP at rest may stand outside
-HALVINGS = 20  # of the share of payload or slope that a machine can stand
-LEAST_SHARE = 1e-6  # of a payload that stands for none
+TOLERANCE = 1e-9  # [m, or unit of a constraint] violation at rest that counts as rounding
+HALVINGS = 20  # bisection steps: shares of payload and slope are found to 2^-20
+LEAST_SHARE = 1e-6  # share of the payload that stands for none, because a payload needs a mass
 Corners = Callable[[Machine, Ground], Iterable[Corner]]
 
 
+class _RestingZmp(NamedTuple):
+    """ZMP of a machine at rest, and the edge that it is nearest to or furthest beyond.
+
+    Attributes:
+        point: ZMP in the root frame, shape (2,) [m].
+        edge: Index of the edge.
+        distance: Signed distance from the edge to the ZMP, positive inside [m].
+    """
+
+    point: Array
+    edge: int
+    distance: float
+
+
 @dataclass(frozen=True, slots=True)
-class _Place:
-    """A pose at rest: joint coordinates q, pose of a base that drives (3,), margin asked for [m]."""
+class _RestPose:
+    """Pose of a machine at rest, with the required margin.
+
+    Attributes:
+        q: Joint coordinates, shape (n,) [rad or m].
+        pose: Pose x, y, yaw of a base that drives, shape (3,) [m, m, rad]; None for one that
+            stands.
+        margin: Required distance from the ZMP to every edge of the support polygon [m].
+    """
 
     q: Array
     pose: Array | None
     margin: float
 
-    def outside(self, machine: Machine, ground: Ground) -> tuple[float, int, Array]:
-        """How far the ZMP stands outside the polygon less the margin [m], the worst edge, and the ZMP [m]."""
-        support = machine.support
-        if support is None:
-            raise ProblemError(f"machine {machine.name!r} has no support polygon")
-        still, root = (
-            np.zeros((1, len(self.q))),
-            np.concatenate([-gravity_under(ground, self.pose), np.zeros(3)]),
-        )
-        point = zmp_of_wrench(
-            ground_reaction(machine, self.q[None], still, still, root_acceleration=root),
-            support.height,
-        )[0]
-        over = support.normals @ point - support.offsets
-        edge = int(np.argmax(over))
-        return float(over[edge]) + self.margin, edge, point
+    def zmp(self, machine: Machine, ground: Ground) -> _RestingZmp:
+        """ZMP of a machine at rest in this pose.
+
+        Raises:
+            ContactLost: Gravity points away from the ground.
+        """
+        support = supported(machine)
+        still = np.zeros((1, len(self.q)))
+        root = np.concatenate([-gravity_under(ground, self.pose), np.zeros(3)])
+        wrench = ground_reaction(machine, self.q[None], still, still, root_acceleration=root)
+        point = zmp_of_wrench(wrench, support.height)[0]
+        beyond = support.normals @ point - support.offsets
+        edge = int(np.argmax(beyond))
+        return _RestingZmp(point, edge, -float(beyond[edge]))
 
     def stands(self, machine: Machine, ground: Ground) -> bool:
+        """Whether the ZMP has the required margin."""
         try:
-            return self.outside(machine, ground)[0] <= TOLERANCE
+            return self.margin - self.zmp(machine, ground).distance <= TOLERANCE
         except ContactLost:
             return False
 
@@ -75,64 +109,81 @@ def check_at_rest(
     pose: Array | None,
     margin: float,
 ) -> None:
-    """Refuse a pose that tips over at rest: no motion starts or ends there.
+    """Refuse a pose at rest in which the machine tips over or the ZMP misses its margin.
 
     Args:
-        name: What the message calls it: start or goal.
-        machine: As it should be.
-        ground: Likewise.
-        corners: Payloads and slopes that such a machine on such a ground must stand.
-        q: Joint coordinates, shape (n,).
-        pose: Of a base that drives, x, y, yaw, shape (3,) [m, rad]; None stands as the ground says.
-        margin: Kept from the edges [m].
+        name: "start" or "goal", for the message.
+        machine: The machine with its nominal payload.
+        ground: The ground with its nominal slope.
+        corners: Extremes of payload and slope for a machine on a ground; all must be safe.
+        q: Joint coordinates, shape (n,) [rad or m].
+        pose: Pose x, y, yaw of a base that drives, shape (3,) [m, m, rad]; None for one that
+            stands.
+        margin: Required distance from the ZMP to every edge of the support polygon [m].
 
     Raises:
-        ProblemError: It tips over; the message gives ZMP, edge, by how much, and what it could
-            stand. Or the slope is so uncertain that gravity may point away from the ground.
+        ProblemError: The margin is missed; the message gives the ZMP, the edge, the distance, and
+            the payload and the slope that would be possible. Or gravity may point away from the
+            ground, because the slope is too uncertain.
     """
-    place, worst = _Place(q, pose, margin), TOLERANCE
-    found: tuple[Corner, int, Array] | None = None
+    rest, worst = _RestPose(q, pose, margin), TOLERANCE
+    found: tuple[Corner, _RestingZmp] | None = None
     for corner in corners(machine, ground):
         try:
-            over, edge, point = place.outside(corner.machine, corner.ground)
+            zmp = rest.zmp(corner.machine, corner.ground)
         except ContactLost:
-            extreme, _ = _circumstances(corner, margin)
             raise ProblemError(
-                f"the machine falls off the ground at rest at the {name}{extreme}: gravity would point away from the "
-                "ground; give a gentler slope, or less slope_uncertainty"
+                f"at rest at the {name}{_extreme(corner)}, gravity would point away from the "
+                "ground: give a gentler slope or a smaller slope_uncertainty"
             ) from None
-        if over > worst:
-            worst, found = over, (corner, edge, point)
-    if found is None or machine.support is None:
+        if margin - zmp.distance > worst:
+            worst, found = margin - zmp.distance, (corner, zmp)
+    if found is None:
         return
-    corner, edge, point = found
-    extreme, kept = _circumstances(corner, margin)
 
     def stands(machine: Machine, ground: Ground) -> bool:
         return all(
-            place.stands(extreme.machine, extreme.ground) for extreme in corners(machine, ground)
+            rest.stands(extreme.machine, extreme.ground) for extreme in corners(machine, ground)
         )
 
     raise ProblemError(
-        f"the machine tips over at rest at the {name}{extreme}: its ZMP ({point[0]:.3f}, {point[1]:.3f}) m lies "
-        f"{worst:.3f} m outside the {machine.support.edge_name(edge)} edge of the support polygon{kept}"
-        f"{possible_instead(machine, ground, stands)}"
+        f"{_tips_over_at_rest(name, *found, margin)}{_possible_instead(machine, ground, stands)}"
+    )
+
+
+def _tips_over_at_rest(name: str, corner: Corner, zmp: _RestingZmp, margin: float) -> str:
+    """Sentence about a pose at rest whose ZMP is outside the polygon or misses the margin."""
+    fault = "tips over" if zmp.distance < 0.0 else f"misses the margin of {margin:.10g} m"
+    position = zmp_position(
+        supported(corner.machine), zmp.edge, distance=zmp.distance, margin=margin
+    )
+    return (
+        f"the machine {fault} at rest at the {name}{_extreme(corner)}: "
+        f"its ZMP ({zmp.point[0]:.3f}, {zmp.point[1]:.3f}) m {position}"
     )
 
 
 def check_in_motion(
     name: str, corners: tuple[Corner, ...], q: Array, v: Array, *, margin: float
 ) -> None:
-    r"""Refuse a state in motion that tips over whatever the joints do within their acceleration limits.
+    r"""Refuse a state in motion from which no acceleration of the joints keeps the machine upright.
 
-    A row of the wrench is affine in the accelerations, r + s . a, so that
+    The row of an edge is affine in the joint accelerations a: it is r + s . a, positive where the
+    ZMP violates the margin. No acceleration within its limits makes it zero or less if
 
     .. math:: r - |s| \cdot a_{max} > 0
 
-    for a single edge proves that no motion passes there safely.
+    One such edge proves that no safe motion passes through the state.
+
+    Args:
+        name: "start" or "goal", for the message.
+        corners: Extremes of payload and slope.
+        q: Joint coordinates, shape (n,) [rad or m].
+        v: Joint rates, shape (n,) [rad/s or m/s].
+        margin: Required distance from the ZMP to every edge of the support polygon [m].
 
     Raises:
-        ProblemError: It is proven; the message names the edge.
+        ProblemError: The proof succeeds for an edge; the message names it.
     """
     for corner in corners:
         machine = corner.machine
@@ -142,19 +193,31 @@ def check_in_motion(
         found = ground_reaction_derivatives(
             machine, q[None], v[None], 0.0 * q[None], root_acceleration=root
         )
-        rows = machine.support.wrench_rows(margin)
-        best = (
-            rows @ found.wrench[0]
-            - np.abs(rows @ found.wrt_acceleration[0, :, 6:]) @ machine.limits.acceleration
-        )
-        edge = int(np.argmax(best))
-        if best[edge] > TOLERANCE * abs(found.wrench[0, 2]):
-            extreme, kept = _circumstances(corner, margin)
+        least = _least_rows(machine, found, margin)
+        edge = int(np.argmax(least))
+        tolerance = TOLERANCE * abs(float(found.wrench[0, 2]))
+        if least[edge] > tolerance:
+            tips = _least_rows(machine, found, 0.0)[edge] > tolerance
+            fault = "tips over" if tips else f"misses the margin of {margin:.10g} m"
+            leads = "leaves the support polygon across" if tips else "is too close to"
             raise ProblemError(
-                f"the machine tips over at the {name}{extreme} whatever its joints do within their acceleration "
-                f"limits: at these rates the ZMP leaves the {machine.support.edge_name(edge)} edge of the support "
-                f"polygon{kept}"
+                f"the machine {fault} at the {name}{_extreme(corner)} whatever its joints do "
+                "within their acceleration limits: at these rates the ZMP "
+                f"{leads} {edge_text(machine.support, edge)}"
             )
+
+
+def _least_rows(machine: Machine, found: WrenchDerivatives, margin: float) -> Array:
+    """Least row of each edge over all joint accelerations within their limits, shape (V,) [N m].
+
+    Args:
+        machine: The machine.
+        found: Wrench of one state with its derivatives, at joint accelerations zero.
+        margin: Required distance from the ZMP to every edge of the support polygon [m].
+    """
+    rows = supported(machine).wrench_rows(margin)
+    by_joints = rows @ found.wrt_acceleration[0, :, 6:]  # (V, n)
+    return np.asarray(rows @ found.wrench[0] - np.abs(by_joints) @ machine.limits.acceleration)
 
 
 def check_constraints_at_rest(
@@ -166,15 +229,16 @@ def check_constraints_at_rest(
     *,
     pose: Array | None,
 ) -> None:
-    """Refuse a pose at rest that breaks a path constraint: no motion starts or ends there.
+    """Refuse a pose at rest that breaks a path constraint.
 
     Args:
-        name: What the message calls the pose: start or goal.
+        name: "start" or "goal", for the message.
         corners: Extremes of payload and slope.
         constraints: The path constraints beside tip-over.
-        coordinates: From planning coordinates to joints.
-        q: Joint coordinates, shape (n,).
-        pose: Of a base that drives, x, y, yaw, shape (3,) [m, rad]; None stands as the ground says.
+        coordinates: Map from planning coordinates to joint coordinates.
+        q: Joint coordinates, shape (n,) [rad or m].
+        pose: Pose x, y, yaw of a base that drives, shape (3,) [m, m, rad]; None for one that
+            stands.
 
     Raises:
         ProblemError: A constraint is broken; the message says which, and by how much.
@@ -189,39 +253,45 @@ def check_constraints_at_rest(
             room = rows.room(sample)[0]
             worst = int(np.argmin(room))
             if room[worst] < -TOLERANCE:
-                extreme, _ = _circumstances(corner, 0.0)
-                short = f"{-room[worst]:.3g} {rows.units[worst]}".strip()
-                raise ProblemError(
-                    f"constraint {constraint.name} ({rows.labels[worst]}) is broken at rest at the "
-                    f"{name}{extreme}, by {short}"
-                )
+                what = f"constraint {constraint.name} ({rows.labels[worst]})"
+                at_rest = f"at rest at the {name}{_extreme(corner)}"
+                if not np.isfinite(room[worst]):
+                    raise ProblemError(f"{what} has no value {at_rest}")
+                short = amount_in_words(float(-room[worst]), rows.units[worst])
+                raise ProblemError(f"{what} is broken {at_rest}, by {short}")
 
 
-def _circumstances(corner: Corner, margin: float) -> tuple[str, str]:
-    """Payload and slope, and the margin, in words; empty where there is nothing to say."""
-    return (
-        f" with {corner.text}" if corner.text else "",
-        f" less the margin of {margin:.3g} m" if margin else "",
-    )
+def _extreme(corner: Corner) -> str:
+    """Payload and slope of a corner, in words that follow a sentence; empty if all is certain."""
+    return f" with {corner.text}" if corner.text else ""
 
 
 def gravity_under(ground: Ground, pose: Array | None) -> Array:
-    """Gravity in the root frame of a machine whose base rests at a pose (3,), or stands (None), shape (3,) [m/s^2]."""
+    """Gravity in the root frame of a machine at rest, shape (3,) [m/s^2].
+
+    Args:
+        ground: The ground.
+        pose: Pose x, y, yaw of a base that drives, shape (3,) [m, m, rad]; None for one that
+            stands at x = y = yaw = 0.
+    """
     if pose is None or not isinstance(ground, Terrain):
         return ground.gravity()
     rest = np.zeros((1, 2))
     return np.asarray(-ground.base_motion(pose[None], rest, rest).acceleration[0, :3])
 
 
-def possible_instead(
+def _possible_instead(
     machine: Machine, ground: Ground, stands: Callable[[Machine, Ground], bool]
 ) -> str:
-    """What payload and what slope would do, in words, with a semicolon in front; empty if neither would.
+    """Largest payload and steepest slope that a pose allows; empty if neither would be enough.
 
     Args:
-        machine: With its payload, if it has one, as it should be.
-        ground: If it is a Slope, gentler ones are tried.
-        stands: Whether a machine on a ground is safe for all that is uncertain of them.
+        machine: The machine with its nominal payload.
+        ground: The nominal ground; if it is a Slope, gentler ones are tried.
+        stands: Whether a machine is safe on a ground, whatever is uncertain of them.
+
+    Returns:
+        Words to append to a sentence, beginning with a semicolon.
     """
     parts = []
     if machine.payload_mass > 0.0:
@@ -229,34 +299,38 @@ def possible_instead(
             lambda mu: stands(machine.with_payload_scaled(max(mu, LEAST_SHARE)), ground)
         )
         if share is not None:
-            parts.append(
-                f"the payload could be at most {np.floor(share * machine.payload_mass):.0f} kg"
-            )
+            heaviest = np.floor(share * machine.payload_mass)
+            parts.append(f"the payload could be at most {heaviest:.0f} kg")
     if isinstance(ground, Slope) and (ground.roll or ground.pitch):
         share = largest_share(lambda part: stands(machine, gentler(ground, part)))
         if share is not None:
-            # rounded towards the gentler
-            tilt = np.degrees(np.arccos(np.cos(share * ground.roll) * np.cos(share * ground.pitch)))
-            parts.append(f"the slope at most {np.floor(10.0 * tilt) / 10.0:.1f} degrees")
-    return f"; there {', or '.join(parts)}" if parts else ""
+            steepest = np.floor(10.0 * np.degrees(tilt_of(gentler(ground, share)))) / 10.0
+            parts.append(f"the slope could be at most {steepest:.1f} degrees")
+    return f"; in this pose {', or '.join(parts)}" if parts else ""
 
 
 def gentler(ground: Slope, share: float) -> Slope:
-    """The slope with roll and pitch times a share."""
+    """Slope with roll and pitch multiplied by a share between 0 and 1."""
     return Slope(share * ground.roll, share * ground.pitch)
 
 
-def largest_share(holds: Callable[[float], bool], *, halvings: int = HALVINGS) -> float | None:
-    """Largest share in (0, 1) up to which something holds, by bisection; None if it does not hold at nothing.
+def tilt_of(ground: Slope) -> float:
+    """Angle between the ground and the horizontal plane [rad]."""
+    return float(np.arccos(np.cos(ground.roll) * np.cos(ground.pitch)))
+
+
+def largest_share(feasible: Callable[[float], bool], *, halvings: int = HALVINGS) -> float | None:
+    """Largest share between 0 and 1 that is feasible, by bisection; None if 0 is not.
 
     Args:
-        holds: Whether it does at a share; taken to hold below any at which it does.
-        halvings: Bits of the answer, which is on the safe side.
+        feasible: Whether a share is feasible; every share below a feasible one is taken to be
+            feasible, and 1 is taken not to be.
+        halvings: Bisection steps. The result is feasible, and within 2^-halvings of the largest.
     """
     lower, upper = 0.0, 1.0
-    if not holds(lower):
+    if not feasible(lower):
         return None
     for _ in range(halvings):
         middle = 0.5 * (lower + upper)
-        lower, upper = (middle, upper) if holds(middle) else (lower, middle)
+        lower, upper = (middle, upper) if feasible(middle) else (lower, middle)
     return lower

@@ -1,4 +1,4 @@
-"""The undercarriage of a problem: it stands, or it drives as a unicycle."""
+"""Undercarriages of a planning problem: one that stands, and one that drives as a unicycle."""
 
 from __future__ import annotations
 
@@ -20,50 +20,57 @@ __all__ = ["Driving", "Standing", "Undercarriage", "undercarriage_of"]
 
 
 class Undercarriage(Protocol):
-    """What the planner asks of an undercarriage, whether it stands or drives.
+    """Undercarriage of a machine, as the planner sees it.
 
-    A driving one adds b = 2 planning coordinates to those of the joints: the length of its path
-    along the heading, and its yaw. A standing one adds none.
+    An undercarriage that drives adds b = 2 planning coordinates to those of the arm: the path
+    length along its heading [m], and its yaw [rad]. One that stands adds none, b = 0.
     """
 
     @property
     def limits(self) -> JointLimits:
-        """Limits of its b coordinates."""
+        """Limits of the b coordinates, shape (b,) each [m or rad, s]."""
 
     @property
     def least_duration(self) -> float:
-        """No motion of it within its limits is shorter [s]."""
+        """Lower bound on the duration of the undercarriage's motion within its limits [s]."""
 
     @property
     def route(self) -> Array | None:
-        """Positions (x, y) at start and goal, shape (2, 2) [m]; None if it stands."""
+        """Positions (x, y) at start and goal, shape (2, 2) [m]; None for one that stands."""
 
     def boundary(self, side: str) -> tuple[Array, Array]:
-        """Its coordinates and rates at the "start" or the "goal", shape (b,) each."""
+        """Coordinates and rates at the "start" or "goal", shape (b,) each [m or rad, s]."""
 
     def pose(self, side: str) -> Array | None:
-        """x, y, yaw at the "start" or the "goal", shape (3,) [m, m, rad]; None if it stands."""
+        """Pose x, y, yaw at the "start" or "goal" (3,) [m, m, rad]; None for one that stands."""
 
     def moves(self, side: str) -> bool:
-        """Whether it is in motion at the "start" or the "goal"."""
+        """Whether the undercarriage is in motion at the "start" or the "goal"."""
 
     def motion(
         self, times: Array, yaw: Array, rates: Array, accelerations: Array, jerks: Array
     ) -> UnicycleMotion | None:
-        """Its motion in seconds, from its coordinates' derivatives; None if it stands.
+        """Motion in seconds from the start pose; None for an undercarriage that stands.
 
         Args:
             times: Nodes, shape (N+1,) [s].
-            yaw: At the nodes, shape (N+1,) [rad]; not used if it stands.
-            rates: Speed and yaw rate at the nodes, shape (N+1, b).
-            accelerations, jerks: On the intervals, shape (N, b) each.
+            yaw: Yaw at the nodes, shape (N+1,) [rad].
+            rates: Speed and yaw rate at the nodes, shape (N+1, b) [m/s, rad/s].
+            accelerations: Derivatives of the rates at the start of each interval, shape (N, b)
+                [m/s^2, rad/s^2].
+            jerks: Constant second derivatives of the rates on each interval, shape (N, b)
+                [m/s^3, rad/s^3].
         """
 
     def still(self) -> UnicycleMotion | None:
-        """The motion of no duration at the start, for a start that is the goal."""
+        """Motion of zero duration at the start, for a problem whose start is its goal."""
 
     def check(self, machine: Machine, model: str) -> None:
-        """Refuse ground that does not carry the machine at start or goal.
+        """Refuse a start or goal where the tracks cannot follow the ground.
+
+        Args:
+            machine: The machine.
+            model: `Problem.model`.
 
         Raises:
             ProblemError: The tracks cannot follow the ground, or the model cannot drive.
@@ -72,10 +79,10 @@ class Undercarriage(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Standing:
-    """An undercarriage that stands at x = y = yaw = 0.
+    """Undercarriage that stands at x = y = yaw = 0.
 
     Attributes:
-        ground: What it stands on.
+        ground: Ground that the undercarriage stands on.
     """
 
     ground: Ground
@@ -93,11 +100,11 @@ class Standing:
         return np.zeros(0), np.zeros(0)
 
     def pose(self, side: str) -> Array | None:
-        """None: it stands as the ground says."""
+        """None: there is no pose to choose."""
         return None
 
     def moves(self, side: str) -> bool:
-        """False."""
+        """False: it stands."""
         return False
 
     def motion(
@@ -111,7 +118,7 @@ class Standing:
         return None
 
     def check(self, machine: Machine, model: str) -> None:
-        """Refuse uneven ground that does not carry the tracks where the machine stands."""
+        """Refuse uneven ground that the tracks cannot follow at x = y = yaw = 0."""
         ground = self.ground
         if isinstance(ground, Terrain) and not ground.uniform and machine.support is not None:
             ground.check_on(np.zeros((1, 2)))
@@ -120,11 +127,11 @@ class Standing:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Driving:
-    """An undercarriage that drives.
+    """Undercarriage that drives as a unicycle.
 
     Attributes:
-        base: From where to where, and how fast it may.
-        terrain: What it drives on.
+        base: Start, goal and limits.
+        terrain: Ground that the undercarriage drives on.
     """
 
     base: UnicycleBase
@@ -137,7 +144,7 @@ class Driving:
 
     @property
     def least_duration(self) -> float:
-        """No motion of it within its limits is shorter [s]."""
+        """Lower bound on the duration of the undercarriage's motion within its limits [s]."""
         return self.base.least_duration
 
     @property
@@ -147,42 +154,41 @@ class Driving:
 
     @property
     def path_length(self) -> float:
-        """Straight line through space from start to goal, negative where it drives backwards [m]."""
+        """Straight distance in space from start to goal, negative for driving backwards [m]."""
         if self.terrain.uniform:
             return self.base.travel
         ends, _ = self.terrain.base_pose(np.vstack([self.base.start, self.base.goal]))
         return float(np.copysign(np.linalg.norm(ends[1] - ends[0]), self.base.travel))
 
     def boundary(self, side: str) -> tuple[Array, Array]:
-        """Path length, which begins at zero, and yaw, with speed and yaw rate, shape (2,) each."""
+        """Path length from the start and yaw; speed and yaw rate; shape (2,) each [m, rad, s]."""
         length = 0.0 if side == "start" else self.path_length
         pose, rates = getattr(self.base, side), getattr(self.base, f"{side}_velocity")
         return np.array([length, pose[2]]), rates
 
     def pose(self, side: str) -> Array | None:
-        """x, y, yaw at the "start" or the "goal", shape (3,) [m, m, rad]."""
+        """Pose x, y, yaw at the "start" or the "goal", shape (3,) [m, m, rad]."""
         return np.asarray(getattr(self.base, side))
 
     def moves(self, side: str) -> bool:
-        """Whether speed or yaw rate is not zero there."""
+        """Whether speed or yaw rate at the "start" or the "goal" is not zero."""
         return bool(getattr(self.base, f"{side}_velocity").any())
 
     def motion(
         self, times: Array, yaw: Array, rates: Array, accelerations: Array, jerks: Array
     ) -> UnicycleMotion | None:
-        """Its motion in seconds, from the start pose on."""
-        of_rates = accelerations, jerks
-        start, ground = self.base.start, self.terrain
-        return UnicycleMotion.from_start(times, start, rates, yaw, of_rates, ground)
+        """Motion in seconds from the start pose; arguments as in `Undercarriage.motion`."""
+        start, derivatives = self.base.start, (accelerations, jerks)
+        return UnicycleMotion.from_start(times, start, rates, yaw, derivatives, self.terrain)
 
     def still(self) -> UnicycleMotion | None:
-        """The motion of no duration at the start."""
+        """Motion of zero duration at the start."""
         nothing, rates = np.zeros((1, 2)), np.vstack([self.base.start_velocity] * 2)
         yaw = np.full(2, self.base.start[2])
         return self.motion(np.zeros(2), yaw, rates, nothing, nothing)
 
     def check(self, machine: Machine, model: str) -> None:
-        """Refuse a model that cannot drive, and start or goal where tracks cannot follow."""
+        """Refuse a model that cannot drive, and a start or goal where tracks cannot follow."""
         if model != "full":
             raise ProblemError(f'a base that drives needs model="full", not {model!r}')
         if machine.support is None:
@@ -197,10 +203,14 @@ class Driving:
 
 
 def undercarriage_of(base: UnicycleBase | None, ground: Ground) -> Undercarriage:
-    """The undercarriage of a problem with this base, which is None if it stands.
+    """Undercarriage for the base of a problem.
+
+    Args:
+        base: Base that drives; None for one that stands.
+        ground: Ground under it.
 
     Raises:
-        ProblemError: `base` is no UnicycleBase, or no base can drive on the ground.
+        ProblemError: `base` is not a UnicycleBase, or no base can drive on the ground.
     """
     if base is None:
         return Standing(ground)

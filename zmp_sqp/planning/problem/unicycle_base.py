@@ -1,4 +1,4 @@
-"""The base as a unicycle: where it drives from and to, and how fast it may."""
+"""Base that drives as a unicycle: its start, its goal and its limits."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from zmp_sqp.arrays import Array, finite_number, frozen_array
+from zmp_sqp.arrays import Array, distinct_texts, finite_number, frozen_array
 from zmp_sqp.errors import ProblemError
 from zmp_sqp.mechanics.limits import JointLimits
 from zmp_sqp.motion.double_integrator import minimum_time
@@ -15,33 +15,38 @@ from zmp_sqp.motion.double_integrator import minimum_time
 __all__ = ["UnicycleBase"]
 
 LIMITS = ("max_speed", "max_acceleration", "max_yaw_rate", "max_yaw_acceleration")
-LIMIT_TOLERANCE = 1e-9  # [m or relative] rounding that a start or goal may stand outside its limits
-LEAST_DISTANCE = 1e-12  # [m] nearer than this, the base stays where it is
+# [m for positions, relative for rates] excess over a limit that counts as rounding
+LIMIT_TOLERANCE = 1e-9
+# [m] distance behind the start up to which a goal counts as beside it, and is driven to forwards
+LEAST_DISTANCE = 1e-12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UnicycleBase:
-    r"""Undercarriage on tracks: it drives along its heading and turns, and does not slip sideways.
+    r"""Base on tracks that drives along its heading and turns, and does not slip sideways.
 
     .. math:: \dot x = s \cos\psi, \; \dot y = s \sin\psi, \; \dot s = u_a, \; \ddot\psi = u_\psi
               \qquad \text{(Song \& Sharf 2020, eq. (19))}
 
+    with position (x, y), heading psi (the yaw) and speed s, negative for driving backwards.
+
     Attributes:
-        start: x, y, yaw at the start, in the ground's coordinates (of a Slope in its plane, of a
-            Heightmap on the map), shape (3,) [m, m, rad].
-        goal: x, y, yaw at the goal; the yaw counts turns [m, m, rad].
-        max_speed: Along the heading, either way [m/s].
-        max_acceleration: Along the heading [m/s^2].
-        max_yaw_rate: [rad/s].
-        max_yaw_acceleration: [rad/s^2].
+        start: Pose x, y, yaw at the start, shape (3,) [m, m, rad]. On a Slope, x and y lie in its
+            inclined plane; on a Heightmap they are those of the map.
+        goal: Pose x, y, yaw at the goal, shape (3,) [m, m, rad]. The yaw counts full turns: with
+            start at 0 and goal at 2 pi, the base turns once.
+        max_speed: Largest |s| [m/s].
+        max_acceleration: Largest |ds/dt| [m/s^2].
+        max_yaw_rate: Largest |dpsi/dt| [rad/s].
+        max_yaw_acceleration: Largest |d^2psi/dt^2| [rad/s^2].
         start_velocity: Speed and yaw rate at the start, shape (2,) [m/s, rad/s]; None is rest.
-        goal_velocity: Likewise at the goal.
-        x_bounds: Least and largest x at any time [m]; None is no bound.
-        y_bounds: Likewise of y.
+        goal_velocity: Speed and yaw rate at the goal, shape (2,) [m/s, rad/s]; None is rest.
+        x_bounds: Least and largest x at any time, shape (2,) [m]; None is no bound.
+        y_bounds: Least and largest y at any time, shape (2,) [m]; None is no bound.
 
     Raises:
-        ProblemError: An entry is no number, a limit not positive, a boundary speed or position
-            outside its limits.
+        ProblemError: An entry is no number, a limit is not positive, or the speed, yaw rate or
+            position at start or goal is outside its limits.
     """
 
     start: Any
@@ -59,7 +64,7 @@ class UnicycleBase:
         for name in LIMITS:
             value = finite_number(getattr(self, name), name=f"base {name}", error=ProblemError)
             if value <= 0.0:
-                raise ProblemError(f"base {name} must be positive, not {value}")
+                raise ProblemError(f"base {name} must be positive, not {value:g}")
             object.__setattr__(self, name, value)
         for name in ("start", "goal"):
             self._freeze(name, getattr(self, name), 3)
@@ -74,13 +79,15 @@ class UnicycleBase:
         object.__setattr__(self, name, array)
 
     def _check_rates(self, name: str) -> None:
-        largest = (self.max_speed, self.max_yaw_rate)
-        for what, value, limit in zip(
-            ("speed", "yaw rate"), getattr(self, name), largest, strict=True
+        speed, yaw_rate = getattr(self, name)
+        for what, unit, value, limit in (
+            ("speed", "m/s", speed, self.max_speed),
+            ("yaw rate", "rad/s", yaw_rate, self.max_yaw_rate),
         ):
             if abs(value) > limit * (1.0 + LIMIT_TOLERANCE):
+                shown, _, most = distinct_texts(float(value), float(abs(value)), limit)
                 raise ProblemError(
-                    f"base {name}: {what} {value:.6g} is outside its limits +-{limit:.6g}"
+                    f"base {name}: {what} {shown} is outside its limits +-{most} {unit}"
                 )
 
     def _check_bounds(self, axis: int, name: str) -> None:
@@ -90,35 +97,51 @@ class UnicycleBase:
         self._freeze(name, given, 2)
         lower, upper = getattr(self, name)
         if lower > upper:
+            least, most = distinct_texts(lower, upper)
             raise ProblemError(
-                f"base {name}: the lower bound {lower:.6g} m lies above the upper one {upper:.6g} m"
+                f"base {name}: the lower bound {least} m is above the upper bound {most} m"
             )
         for side in ("start", "goal"):
-            place = getattr(self, side)[axis]
-            if not lower - LIMIT_TOLERANCE <= place <= upper + LIMIT_TOLERANCE:
+            position = getattr(self, side)[axis]
+            if not lower - LIMIT_TOLERANCE <= position <= upper + LIMIT_TOLERANCE:
+                shown, least, most = distinct_texts(position, lower, upper)
                 raise ProblemError(
-                    f"base {side}: {name[0]} = {place:.6g} m is outside {name} [{lower:.6g}, {upper:.6g}]"
+                    f"base {side}: {name[0]} = {shown} m is outside {name} [{least}, {most}] m"
                 )
 
     @property
     def distance(self) -> float:
-        """From start to goal in a straight line: no way is shorter [m]."""
+        """Straight distance from start to goal: no path is shorter [m]."""
         return float(np.hypot(*(self.goal[:2] - self.start[:2])))
 
     @property
-    def travel(self) -> float:
-        """That distance along the heading: negative where the goal lies behind the mean heading [m]."""
+    def offset(self) -> tuple[float, float]:
+        """How far the goal lies ahead and to the left, by the mean of both headings [m]."""
         step, heading = self.goal[:2] - self.start[:2], 0.5 * (self.start[2] + self.goal[2])
         ahead = float(step @ [np.cos(heading), np.sin(heading)])
-        return self.distance if ahead >= -LEAST_DISTANCE else -self.distance
+        return ahead, float(step @ [-np.sin(heading), np.cos(heading)])
+
+    @property
+    def travel(self) -> float:
+        """Straight distance from start to goal, negative for driving backwards [m].
+
+        The base drives backwards where the goal lies behind the start, seen in the mean of the
+        headings at start and goal.
+        """
+        return self.distance if self.offset[0] >= -LEAST_DISTANCE else -self.distance
 
     @property
     def least_duration(self) -> float:
-        """No motion of the base within its limits is shorter [s]: of the yaw, and of |speed| over the distance."""
+        """Lower bound on the duration of the base's motion within its limits [s].
+
+        It is the longer of two minimum times: for the yaw alone, and for driving the straight
+        distance at |speed| alone.
+        """
         v0, v1 = (float(abs(rates[0])) for rates in (self.start_velocity, self.goal_velocity))
-        direct = 0.5 * (v0 + v1) * abs(v1 - v0) / self.max_acceleration  # covered anyway
-        way = minimum_time(
-            max(self.distance, direct),
+        # path length that the change from one boundary speed to the other takes at least
+        change = 0.5 * (v0 + v1) * abs(v1 - v0) / self.max_acceleration
+        drive = minimum_time(
+            max(self.distance, change),
             max_velocity=max(self.max_speed, v0, v1),
             max_acceleration=self.max_acceleration,
             start_velocity=v0,
@@ -131,11 +154,11 @@ class UnicycleBase:
             start_velocity=float(self.start_velocity[1]),
             goal_velocity=float(self.goal_velocity[1]),
         )
-        return max(way.duration, turn.duration)
+        return max(drive.duration, turn.duration)
 
     @property
     def limits(self) -> JointLimits:
-        """Of the way along the heading and of the yaw, shape (2,) each."""
+        """Limits of path length along the heading and of yaw, shape (2,) each [m or rad, s]."""
         unlimited = np.full(2, np.inf)
         return JointLimits(
             position_lower=-unlimited,

@@ -12,10 +12,11 @@ from zmp_sqp.planning.constraints.binding import bound_rows
 from zmp_sqp.planning.constraints.distance import boom_limits
 from zmp_sqp.planning.constraints.protocol import ConstraintRows, StageModel
 from zmp_sqp.planning.problem.problem import Problem
+from zmp_sqp.planning.problem.undercarriage import Driving
 from zmp_sqp.planning.program.driving.model import DrivingModel
+from zmp_sqp.planning.program.limits import Boundary, PathBounds
 from zmp_sqp.planning.program.model import ArmModel
 from zmp_sqp.planning.program.rows import BoundConstraints, CornerRows
-from zmp_sqp.planning.program.limits import Boundary, PathBounds
 
 __all__ = [
     "bound_constraints",
@@ -34,19 +35,25 @@ def bound_constraints(problem: Problem) -> BoundConstraints:
     names = [constraint.name for constraint in problem.path_constraints]
     corners: list[CornerRows] = []
     common: tuple[tuple[str, ConstraintRows], ...] = ()
+    of_machine: dict[int, tuple[ConstraintRows, ...]] = {}  # corners of one payload share rows
     for corner in problem.corners():
-        rows = bound_rows(problem.path_constraints, corner.machine, problem.coordinates)
+        machine = corner.machine
+        if id(machine) not in of_machine:
+            rows = bound_rows(problem.path_constraints, machine, problem.coordinates)
+            of_machine[id(machine)] = rows
+        rows = of_machine[id(machine)]
         joint_efforts = any(part.needs_joint_efforts for part in rows)
         model = _stage_model(problem, corner, joint_efforts=joint_efforts)
         named = tuple(zip(names, rows, strict=True))
-        corners.append(CornerRows(model, tuple(pair for pair in named if pair[1].per_corner)))
+        own = tuple(pair for pair in named if pair[1].per_corner)
+        corners.append(CornerRows(model, own, corner.spread))
         common = common or tuple(pair for pair in named if not pair[1].per_corner)
     return BoundConstraints(tuple(corners), common)
 
 
 def _stage_model(problem: Problem, corner: Corner, *, joint_efforts: bool) -> StageModel:
     machine = corner.machine
-    if len(problem.undercarriage.limits.velocity):
+    if isinstance(problem.undercarriage, Driving):
         return DrivingModel(machine, terrain_of(corner.ground), joint_efforts)
     return ArmModel(machine, corner.ground.gravity(), problem.coordinates, joint_efforts)
 

@@ -1,4 +1,4 @@
-"""The grid of normalised time, and motions whose accelerations run linearly within its intervals."""
+"""Grid of normalised time, and motions whose accelerations are linear within its intervals."""
 
 from __future__ import annotations
 
@@ -77,8 +77,17 @@ class Grid:
 
     @cached_property
     def least_changes(self) -> Array:
-        """Smallest accelerations that add given amounts to last position and rate, shape (2N, 2)."""
+        """Smallest accelerations that change last position and rate by one, shape (2N, 2)."""
         return np.asarray(self.sums.T @ np.linalg.inv(self.sums @ self.sums.T))
+
+    @cached_property
+    def rates_by_controls(self) -> Array:
+        """Rates at starts, middles and ends of the intervals by unit accelerations, (3, N, 2N)."""
+        N = self.size
+        unit = np.eye(2 * N).reshape(2 * N, N, 2).transpose(1, 2, 0)  # (N, 2, 2N)
+        q, w = self.rolled(np.zeros(2 * N), np.zeros(2 * N), unit)
+        middle = self.within(0.5, q[:-1], w[:-1], unit)[1]
+        return np.stack([w[:-1], middle, w[1:]])
 
     def rolled(self, q: Array, w: Array, controls: Array) -> tuple[Array, Array]:
         """Positions and rates at all nodes, shape (N + 1, n) each.

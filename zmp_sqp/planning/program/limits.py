@@ -11,18 +11,19 @@ from zmp_sqp.arrays import Array, Indices
 from zmp_sqp.planning.program.grid import ENDS
 from zmp_sqp.planning.program.stages import STATE, Stages
 
-__all__ = ["Boundary", "LimitRows", "PathBounds", "PositionBound"]
+__all__ = ["LEAST_SHARE", "Boundary", "LimitRows", "PathBounds", "PositionBound"]
 
 # inner Bernstein points of the positions, cubics: q + h p w, at the start for p > 0, at the end for
 # p < 0
 POSITION_POINTS = (1.0 / 3.0, -1.0 / 3.0)
 MIDDLE = 0.5  # inner Bernstein point of the rates, parabolas: w + h u_0 / 2
+LEAST_SHARE = 0.25  # of sigma, below which no step leads
 FAR = 9e3  # [rad or m] position limits beyond count as none
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Boundary:
-    """Coordinates q and rates v at the start or the goal, shape (n,) each [rad or m, per second]."""
+    """Coordinates q and rates v at the start or the goal, shape (n,) each [rad or m, s]."""
 
     q: Array
     v: Array
@@ -60,9 +61,9 @@ class PositionBound:
 
 
 class LimitRows:
-    """Rows of the limits, in the order: accelerations, rates at nodes and between, positions, sigma.
+    """Rows of the limits of coordinates and duration.
 
-    Upper sides before lower ones. Accelerations are limited at both ends of every interval, rates
+    Their order: accelerations, rates at nodes and between them, positions, sigma. Upper sides before lower ones. Accelerations are limited at both ends of every interval, rates
     and positions at their Bernstein points, so that they hold everywhere. The last row keeps sigma
     above its proven bound, and above a quarter of what it is now.
     """
@@ -170,7 +171,9 @@ class LimitRows:
         by_sigma = sqrt_slope * self.rate
         u, groups, added = stages.control_entries, [], []
 
-        def add(entries: Array, at_first: Array | None = None, at_last: Array | None = None) -> None:
+        def add(
+            entries: Array, at_first: Array | None = None, at_last: Array | None = None
+        ) -> None:
             """A group (N, R, width) whose first and last interval see the rates at the ends."""
             more = np.zeros(entries.shape[:2])
             if at_first is not None:
@@ -216,6 +219,3 @@ class LimitRows:
             add(np.full((N - 1, 1, 1), bound.sign * STATE))
         add(np.full((1, 1, 1), -1.0))
         return groups, np.concatenate(added)
-
-
-LEAST_SHARE = 0.25  # of sigma, below which no step leads

@@ -37,6 +37,8 @@ class ArmModel:
     coordinates: Coordinates
     joint_efforts: bool = False
 
+    has_momentum_rate = True  # the wrench is the rate of the machine's momentum
+
     @property
     def size(self) -> int:
         """Number n of coordinates."""
@@ -45,7 +47,7 @@ class ArmModel:
     def efforts(
         self, q: Array, w: Array, alpha: Array, S: float, positions: Array | None = None
     ) -> Array:
-        """S times the efforts, shape (K, R) [N s^2, N m s^2]; the base stands, positions are unused.
+        """S times the efforts, shape (K, R) [N s^2, N m s^2]; positions are not used.
 
         Args:
             q, w, alpha: Coordinates and their derivatives by s, shape (K, n) each.
@@ -67,20 +69,19 @@ class ArmModel:
         Args:
             q, w, alpha, S, positions: Arguments of `efforts`.
         """
-        G = self.coordinates.G
         found = effort_derivatives(
             self.machine,
             *self._joints(q, w, alpha),
             root_acceleration=self._root_acceleration(S),
             joints=self.joint_efforts,
         )
-        by_S = found.wrt_acceleration[:, :, :3] @ -self.gravity
-        by_joints = (
-            found.wrt_position,
-            found.wrt_velocity[:, :, 6:],
-            found.wrt_acceleration[:, :, 6:],
-        )
-        jacobian = np.concatenate([*(part @ G for part in by_joints), by_S[:, :, None]], axis=2)
+        n = self.size
+        jacobian = np.empty((*found.effort.shape, 3 * n + 1))
+        parts = (found.wrt_position, found.wrt_rate, found.wrt_joint_acceleration)
+        for i, part in enumerate(parts):
+            drawn = part if self.coordinates.is_identity else part @ self.coordinates.G
+            jacobian[:, :, i * n : (i + 1) * n] = drawn
+        jacobian[:, :, -1] = found.by_a[:, :, :3] @ -self.gravity
         return found.effort, jacobian
 
     def _joints(self, q: Array, w: Array, alpha: Array) -> tuple[Array, Array, Array]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -12,8 +13,9 @@ from zmp_sqp.mechanics.wrench import WRENCH
 from zmp_sqp.planning.constraints.effort_rows import EffortRows, effort_curvature
 from zmp_sqp.planning.constraints.protocol import ConstraintRows, StageModel, StageSample
 from zmp_sqp.planning.constraints.tip_over import TipOverRows
+from zmp_sqp.planning.program.corners import CornerEfforts, CornerModels
 
-__all__ = ["BoundConstraints", "CornerRows", "StageRows"]
+__all__ = ["BoundConstraints", "CornerRows", "StageExpansion", "StageRows"]
 
 
 Named = tuple[str, ConstraintRows]  # the constraint's name, and its rows
@@ -26,10 +28,12 @@ class CornerRows:
     Attributes:
         model: The machine at this corner.
         rows: Rows that depend on payload or slope, with the names of their constraints.
+        spread: Of the payload's centre of mass, see `Corner` [kg m^2].
     """
 
     model: StageModel
     rows: tuple[Named, ...]
+    spread: float = 0.0
 
     @property
     def by_effort(self) -> tuple[EffortRows, ...]:
@@ -47,7 +51,7 @@ class CornerRows:
         return tuple(rows for _, rows in self.rows if not isinstance(rows, EffortRows))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class BoundConstraints:
     """The constraints of a problem, bound to its machine at every corner.
 
@@ -69,6 +73,8 @@ class BoundConstraints:
         Args:
             amounts: By the names of the constraints.
         """
+        if not amounts:
+            return self
 
         def drawn_in(named: tuple[Named, ...]) -> tuple[Named, ...]:
             return tuple(
@@ -76,7 +82,7 @@ class BoundConstraints:
                 for name, rows in named
             )
 
-        corners = tuple(CornerRows(corner.model, drawn_in(corner.rows)) for corner in self.corners)
+        corners = tuple(replace(corner, rows=drawn_in(corner.rows)) for corner in self.corners)
         return BoundConstraints(corners, drawn_in(self.common))
 
     def outside(
@@ -89,57 +95,145 @@ class BoundConstraints:
         Args:
             q, w, alpha, S, positions: As for `StageModel.efforts`.
         """
-        worst = -np.inf
-        for corner in self.corners:
-            wrench = corner.model.efforts(q, w, alpha, S, positions)[:, :WRENCH]
-            if wrench[:, 2].min() <= 0.0:
-                return np.inf
-            for rows in corner.tip_over:
-                worst = max(worst, float(rows.outside(wrench).max()))
-        return worst
+        return float(self.outside_by_corner(q, w, alpha, S, positions).max())
+
+    def outside_by_corner(
+        self, q: Array, w: Array, alpha: Array, S: float, positions: Array | None = None
+    ) -> Array:
+        """How far the zero moment point is beyond its margin at most, at each corner, (V,) [m].
+
+        Infinite where the ground would have to pull.
+
+        Args:
+            q, w, alpha, S, positions: As for `StageModel.efforts`.
+        """
+        if self.models is None:
+            efforts = self.corners[0].model.efforts(q, w, alpha, S, positions)[None]
+        else:
+            efforts = self.models.efforts(q, w, alpha, S, positions)
+        found = np.full(len(self.corners), np.inf)
+        for v in np.flatnonzero(efforts[:, :, 2].min(axis=1) > 0.0):
+            found[v] = max(
+                float(rows.outside(efforts[v, :, :WRENCH]).max())
+                for rows in self.corners[v].tip_over
+            )
+        return found
+
+    @cached_property
+    def models(self) -> CornerModels | None:
+        """Efforts of all corners from those of few; None for a single corner."""
+        if len(self.corners) == 1:
+            return None
+        return CornerModels.of([corner.model for corner in self.corners])
 
     @property
     def half_width(self) -> float:
-        """Median distance of the support polygon's edges, less the margin, from the root axis [m]."""
+        """Median distance of the support polygon's edges, less margin, from the root axis [m]."""
         return float(np.median([-rows.C[:, 2] for rows in self.corners[0].tip_over]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StageExpansion:
+    """Rows at K states and many corners, with derivatives of as many rows as are asked for.
+
+    Attributes:
+        layout: The rows.
+        values: Shape (K, E).
+        efforts: At all corners.
+        others: Derivatives by (q, w, alpha, S [, positions]) of the rows of each corner that are
+            not affine in the efforts, shape (K, V, O, 3n + 1 [+ 2]).
+        common: Of the rows that do not depend on the corner, shape (K, F, 3n + 1 [+ 2]).
+    """
+
+    layout: StageRows
+    values: Array
+    efforts: CornerEfforts
+    others: Array
+    common: Array
+
+    def derivatives(self, state: Indices, row: Indices) -> Array:
+        """Derivatives of L rows by (q, w, alpha, S [, positions]), shape (L, 3n + 1 [+ 2]).
+
+        Args:
+            state, row: Of each one, shape (L,).
+        """
+        layout, found = self.layout, np.empty((len(row), self.common.shape[2]))
+        corner, place = np.divmod(row, layout.per_corner)
+        shared = row >= layout.of_corners
+        found[shared] = self.common[state[shared], row[shared] - layout.of_corners]
+        other = ~shared & (place >= layout.effort_rows)
+        found[other] = self.others[state[other], corner[other], place[other] - layout.effort_rows]
+        some = np.flatnonzero(~shared & ~other)
+        v, e = corner[some], place[some]
+        of_efforts = self.efforts.derivatives(v, state[some], layout.matrices[v, e])
+        of_efforts[:, 3 * layout.size] += layout.offsets[v, e] / layout.S
+        found[some] = of_efforts
+        return found
+
+    def change(self, step: Array) -> Array:
+        """Change of all rows to first order, shape (K, E).
+
+        Args:
+            step: Of (q, w, alpha, S [, positions]), shape (K, 3n + 1 [+ 2]).
+        """
+        layout = self.layout
+        by_S = step[:, 3 * layout.size] / layout.S
+        of_efforts = self.efforts.change(step) @ layout.matrices.transpose(0, 2, 1)
+        of_efforts += by_S[:, None] * layout.offsets[:, None]
+        others = np.einsum("kvoj,kj->kvo", self.others, step)
+        return layout.assembled(of_efforts, others, (self.common @ step[:, :, None])[:, :, 0])
 
 
 class StageRows:
     """E rows at K states, scaled to order one by the reference duration, and at most zero.
 
     Order: corner by corner the rows that are affine in the efforts, then the others of that corner;
-    at the end those that do not depend on the corner.
+    at the end those that do not depend on the corner. Where there are many corners, efforts and
+    their derivatives follow from those of few (`CornerModels`).
+
+    Attributes:
+        reference, S: Duration that scales time, and its square [s, s^2].
+        corners: The machine at each corner, with its rows.
+        models: Efforts of all corners from those of few; None for a single corner.
+        count: Number E of rows.
+        effort_rows: Number of a corner's rows that are affine in the efforts.
+        per_corner: Number of all rows of a corner.
+        matrices: On the efforts times S, shape (V, effort_rows, R).
+        offsets: Per unit of S / reference^2, shape (V, effort_rows).
+        tolerance: Largest violation of each row at a solution, shape (E,).
     """
 
     def __init__(self, bound: BoundConstraints, reference: float) -> None:
         """Stack the rows.
 
         Args:
-            bound: The constraints.
+            bound: The constraints; all corners have equally many rows.
             reference: Duration that scales time [s].
         """
-        self.reference, self._S = reference, reference**2
-        self.corners = bound.corners
+        self.reference, self.S = reference, reference**2
+        self.corners, self.models = bound.corners, bound.models
         self.common = tuple(rows for _, rows in bound.common)
-        self._by_effort = [corner.by_effort for corner in self.corners]
         self._others = [corner.others for corner in self.corners]
-        self._matrices = [_stacked(rows, self._S) for rows in self._by_effort]
-        every = (*self._by_effort, *self._others, self.common)
-        self.count = sum(len(rows.labels) for group in every for rows in group)
-        ordered = [
-            *(rows for pair in zip(self._by_effort, self._others, strict=True) for group in pair
-              for rows in group),
-            *self.common,
-        ]
-        # largest violation of each row at a solution, shape (E,)
-        self.tolerance = np.concatenate(
-            [np.full(len(rows.labels), rows.tolerance) for rows in ordered]
-        )
+        stacked = [_stacked(corner.by_effort, self.S) for corner in self.corners]
+        self.matrices = np.stack([matrix for matrix, _ in stacked])
+        self.offsets = np.stack([offset for _, offset in stacked])
+        self.effort_rows = self.matrices.shape[1]
+        first = (*self.corners[0].by_effort, *self._others[0])
+        tolerance = np.concatenate([_tolerance(rows) for rows in first])
+        self.per_corner = len(tolerance)
+        every = [np.tile(tolerance, len(self.corners)), *map(_tolerance, self.common)]
+        self.tolerance = np.concatenate(every)
+        self.count = len(self.tolerance)
 
     @property
     def size(self) -> int:
         """Number n of coordinates."""
         return self.corners[0].model.size
+
+    @property
+    def of_corners(self) -> int:
+        """Number of rows that depend on the corner; they come first."""
+        return self.per_corner * len(self.corners)
 
     def evaluate(
         self, q: Array, w: Array, alpha: Array, S: float, positions: Array | None = None
@@ -149,39 +243,118 @@ class StageRows:
         Args:
             q, w, alpha, S, positions: As for `StageModel.efforts`.
         """
-        found = []
-        for sample, (matrix, offset), others in self._samples(q, w, alpha, S, positions):
-            found.append(sample.efforts @ matrix.T + (S / self._S) * offset)
-            found += [rows.evaluate(sample) / self._S for rows in others]
-        first = StageSample(self.corners[0].model, q, w, alpha, S, positions)
-        found += [rows.evaluate(first) / self._S for rows in self.common]
-        return np.hstack(found)
+        samples = self._samples(q, w, alpha, S, positions)
+        others = [
+            rows.evaluate(sample) / self.S
+            for sample, group in zip(samples, self._others, strict=True)
+            for rows in group
+        ]
+        common = [rows.evaluate(samples[0]) / self.S for rows in self.common]
+        if self.models is None:
+            return np.hstack([self._of_efforts(samples[0].efforts, S), *others, *common])
+        efforts = self.models.efforts(q, w, alpha, S, positions)
+        return self._values(efforts, S, others, common)
 
     def linearize(
         self, q: Array, w: Array, alpha: Array, S: float, positions: Array | None = None
     ) -> tuple[Array, Array]:
-        """Values, shape (K, E), and Jacobian by (q, w, alpha, S [, positions]), (K, E, 3n + 1 [+ 2]).
+        """Values (K, E), and Jacobian (K, E, 3n + 1 [+ 2]) by (q, w, alpha, S [, positions]).
 
         Args:
             q, w, alpha, S, positions: As for `StageModel.efforts`.
         """
-        values, jacobians = [], []
-        for sample, (matrix, offset), others in self._samples(q, w, alpha, S, positions):
-            efforts, by_state = sample.effort_derivatives
-            jacobian = matrix @ by_state
-            jacobian[:, :, 3 * self.size] += offset / self._S
-            values.append(efforts @ matrix.T + (S / self._S) * offset)
-            jacobians.append(jacobian)
-            for rows in others:
-                value, jacobian = rows.linearize(sample)
-                values.append(value / self._S)
-                jacobians.append(jacobian / self._S)
-        first = StageSample(self.corners[0].model, q, w, alpha, S, positions)
-        for rows in self.common:
-            value, jacobian = rows.linearize(first)
-            values.append(value / self._S)
-            jacobians.append(jacobian / self._S)
+        if self.models is not None:
+            found = self.expand(q, w, alpha, S, positions)
+            state, row = np.divmod(np.arange(len(q) * self.count), self.count)
+            jacobian = found.derivatives(state, row)
+            return found.values, jacobian.reshape(len(q), self.count, -1)
+        (sample,) = self._samples(q, w, alpha, S, positions)
+        efforts, by_state = sample.effort_derivatives
+        jacobian = self.matrices[0] @ by_state
+        jacobian[:, :, 3 * self.size] += self.offsets[0] / self.S
+        values, jacobians = [self._of_efforts(efforts, S)], [jacobian]
+        for rows in (*self._others[0], *self.common):
+            value, jacobian = rows.linearize(sample)
+            values.append(value / self.S)
+            jacobians.append(jacobian / self.S)
         return np.hstack(values), np.concatenate(jacobians, axis=1)
+
+    def expand(
+        self, q: Array, w: Array, alpha: Array, S: float, positions: Array | None = None
+    ) -> StageExpansion:
+        """Values, and derivatives of what will be asked for; with many corners only.
+
+        Args:
+            q, w, alpha, S, positions: As for `StageModel.efforts`.
+        """
+        assert self.models is not None
+        efforts = self.models.linearize(q, w, alpha, S, positions)
+        samples = self._samples(q, w, alpha, S, positions)
+        others = [
+            rows.linearize(sample)
+            for sample, group in zip(samples, self._others, strict=True)
+            for rows in group
+        ]
+        common = [rows.linearize(samples[0]) for rows in self.common]
+        values = self._values(
+            efforts.efforts,
+            S,
+            [value / self.S for value, _ in others],
+            [value / self.S for value, _ in common],
+        )
+        none = np.empty((len(q), 0, efforts.jacobian.shape[3]))
+        by_corner, shared = (
+            np.concatenate([none, *(jacobian / self.S for _, jacobian in group)], axis=1)
+            for group in (others, common)
+        )
+        by_corner = by_corner.reshape(len(q), len(self.corners), -1, none.shape[2])
+        return StageExpansion(self, values, efforts, by_corner, shared)
+
+    @cached_property
+    def by_turning(self) -> Array | None:
+        """What rows owe to `moment_of_spread`, per unit of turning, shape (E,); None if nothing."""
+        spread = np.array([corner.spread for corner in self.corners])
+        if not spread.any():
+            return None
+        turns = np.array([unit == "rad" for unit in self.corners[0].model.machine.joint_units])
+        joints = self.matrices[:, :, WRENCH:]
+        reach = np.linalg.norm(self.matrices[:, :, 3:WRENCH], axis=2)
+        reach = reach + np.abs(joints[:, :, turns[: joints.shape[2]]]).sum(axis=2)
+        none = np.zeros((1, len(self.corners), self.per_corner - self.effort_rows))
+        shared = np.zeros((1, self.count - self.of_corners))
+        found = self.assembled((spread[:, None] * reach)[:, None], none, shared)
+        return np.asarray(found[0])
+
+    def assembled(self, of_efforts: Array, others: Array, common: Array) -> Array:
+        """Rows in their order, shape (K, E).
+
+        Args:
+            of_efforts: Shape (V, K, effort_rows).
+            others: Shape (K, V, O).
+            common: Shape (K, F).
+        """
+        V, K, _ = of_efforts.shape
+        found = np.empty((K, self.count))
+        by_corner = found[:, : self.of_corners].reshape(K, V, self.per_corner)
+        by_corner[:, :, : self.effort_rows] = of_efforts.transpose(1, 0, 2)
+        by_corner[:, :, self.effort_rows :] = others
+        found[:, self.of_corners :] = common
+        return found
+
+    def _of_efforts(self, efforts: Array, S: float) -> Array:
+        """Rows that are affine in the efforts (K, R) of a single corner, shape (K, effort_rows)."""
+        return np.asarray(efforts @ self.matrices[0].T + (S / self.S) * self.offsets[0])
+
+    def _values(
+        self, efforts: Array, S: float, others: Sequence[Array], common: Sequence[Array]
+    ) -> Array:
+        """Rows in their order, shape (K, E), from efforts (V, K, R) and values of all others."""
+        of_efforts = efforts @ self.matrices.transpose(0, 2, 1)
+        of_efforts += (S / self.S) * self.offsets[:, None]
+        V, K = efforts.shape[:2]
+        empty = np.empty((K, 0))
+        by_corner = np.hstack([empty, *others]).reshape(K, V, -1)
+        return self.assembled(of_efforts, by_corner, np.hstack([empty, *common]))
 
     def curvature(
         self,
@@ -194,50 +367,58 @@ class StageRows:
     ) -> Array:
         """Hessian of `weights . rows` by (q, w, alpha, S), shape (K, 3n + 1, 3n + 1).
 
+        With many corners that of the efforts is taken at the corner whose rows weigh most, with the
+        weights of all corners: payloads and gravities differ by little, and their rows are alike.
+
         Args:
             q, w, alpha, S, positions: As for `StageModel.efforts`.
             weights: Shape (K, E); states whose weights for a group of rows vanish cost nothing.
         """
-        n = self.size
+        n, corners = self.size, len(self.corners)
         H = np.zeros((len(q), 3 * n + 1, 3 * n + 1))
-        at = 0
+        by_corner = weights[:, : self.of_corners].reshape(len(q), corners, self.per_corner)
 
-        def share(count: int) -> tuple[Array, Indices]:
-            nonlocal at
-            part = weights[:, at : at + count]
-            at += count
-            return part, np.flatnonzero(part.any(axis=1))
-
-        def sample(model: StageModel, some: Indices) -> StageSample:
+        def sample(corner: int, some: Indices) -> StageSample:
             where = None if positions is None else positions[some]
+            model = self.corners[corner].model
             return StageSample(model, q[some], w[some], alpha[some], S, where)
 
-        groups = zip(self.corners, self._matrices, self._others, strict=True)
-        for corner, (matrix, _), others in groups:
-            part, some = share(len(matrix))
-            if len(some):
-                H[some] += effort_curvature(sample(corner.model, some), part[some] @ matrix)
-            for rows in others:
-                part, some = share(len(rows.labels))
+        def add(groups: tuple[ConstraintRows, ...], corner: int, parts: Array) -> None:
+            at = 0
+            for rows in groups:
+                part = parts[:, at : at + len(rows.labels)]
+                some = np.flatnonzero(part.any(axis=1))
+                at += len(rows.labels)
                 if len(some):
-                    H[some] += rows.curvature(sample(corner.model, some), part[some] / self._S)
-        for rows in self.common:
-            part, some = share(len(rows.labels))
-            if len(some):
-                first = sample(self.corners[0].model, some)
-                H[some] += rows.curvature(first, part[some] / self._S)
+                    H[some] += rows.curvature(sample(corner, some), part[some] / self.S)
+
+        of_efforts = by_corner[:, :, : self.effort_rows]
+        hardest = of_efforts.sum(axis=2).argmax(axis=1)
+        active = np.flatnonzero(of_efforts.any(axis=(1, 2)))
+        matrix = self.matrices.reshape(corners * self.effort_rows, -1)
+        factors = of_efforts[active].reshape(len(active), corners * self.effort_rows) @ matrix
+        for corner in np.unique(hardest[active]).tolist():
+            chosen = hardest[active] == corner
+            some = active[chosen]
+            H[some] += effort_curvature(sample(corner, some), factors[chosen])
+        for corner, groups in enumerate(self._others):
+            add(groups, corner, by_corner[:, corner, self.effort_rows :])
+        add(self.common, 0, weights[:, self.of_corners :])
         return H
 
     def _samples(
         self, q: Array, w: Array, alpha: Array, S: float, positions: Array | None
-    ) -> Iterator[tuple[StageSample, tuple[Array, Array], tuple[ConstraintRows, ...]]]:
-        groups = zip(self.corners, self._matrices, self._others, strict=True)
-        for corner, matrix, others in groups:
-            yield StageSample(corner.model, q, w, alpha, S, positions), matrix, others
+    ) -> list[StageSample]:
+        """The states at every corner."""
+        return [StageSample(corner.model, q, w, alpha, S, positions) for corner in self.corners]
+
+
+def _tolerance(rows: ConstraintRows) -> Array:
+    return np.full(len(rows.labels), rows.tolerance)
 
 
 def _stacked(rows: tuple[EffortRows, ...], S: float) -> tuple[Array, Array]:
-    """One matrix on efforts times S, scaled by the reference, and one offset per unit of S / S_ref."""
+    """One matrix on efforts times S, scaled by the reference; offsets per unit of S / S_ref."""
     columns = max(part.C.shape[1] for part in rows)
     C = np.vstack([part.matrix(columns) for part in rows])
     divisor = np.concatenate([part.divisor for part in rows])

@@ -13,7 +13,7 @@ __all__ = ["trajectory"]
 
 # relative, of the duration: within it, limits that meeting the boundary states to the last digit
 # exceeds on coarse grids are kept by going slower
-STRETCH = 1e-4
+STRETCH = 1e-3
 # tried in turn: boundary rates stay, so that in motion the path changes with the duration
 STRETCHES = (1.0, 2.0, 4.0)
 LEAST_TIME = 1e-9  # [s] by which motions so short that rounding shows may be stretched
@@ -47,7 +47,9 @@ def _motion(
     size, grid = coordinates.size, program.grid
 
     def motion(sigma: float) -> tuple[Array, Array, Array, float]:
-        y, rates, controls, S = program.unpack(program.motion(point.controls, sigma))
+        same = sigma == point.sigma
+        reached = point if same else program.motion(point.controls, sigma)
+        y, rates, controls, S = program.unpack(reached)
         if aim is not None and program.drive is not None:
             controls = program.drive.arrived(grid, y[0], rates[0], controls, aim)
             y, rates = grid.rolled(y[0], rates[0], controls)

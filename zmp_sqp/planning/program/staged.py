@@ -11,9 +11,18 @@ import numpy as np
 import numpy.typing as npt
 
 from zmp_sqp.arrays import Array, Indices
+from zmp_sqp.mechanics.bounds.payload_spread import moment_of_spread
+from zmp_sqp.planning.program.corner_jacobian import CornerJacobian
+from zmp_sqp.planning.program.driving.displacements import Displacements
 from zmp_sqp.planning.program.driving.positions import Positions
 from zmp_sqp.planning.program.grid import ENDS, Grid
-from zmp_sqp.planning.program.limits import Boundary, LimitRows, PathBounds, PositionBound
+from zmp_sqp.planning.program.limits import (
+    LEAST_SHARE,
+    Boundary,
+    LimitRows,
+    PathBounds,
+    PositionBound,
+)
 from zmp_sqp.planning.program.rows import StageRows
 from zmp_sqp.planning.program.stages import STATE, Stages, clipped
 from zmp_sqp.sqp.nlp import Evaluation, Linearization
@@ -32,7 +41,7 @@ INSIDE_FINE = (0.1, 0.2, 0.3, 0.4, 0.6, 0.7, 0.8, 0.9)
 DUST = 1e-7  # of the largest multiplier: smaller ones bring no curvature
 LINEAR_TOLERANCE = 2e-7  # violation of limits at a solution, scaled
 # control limits take part far from feasibility where an acceleration is on their side, or nearly
-DECISIVE, DECISIVE_EARLY = 1.0, 1.2  # of the limit, on the other side
+DECISIVE, DECISIVE_EARLY = 0.6, 0.9  # of the limit, on the other side
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,11 +52,13 @@ class Motion:
         controls: Scaled accelerations at both ends of the intervals, shape (N, 2 n).
         sigma: Squared duration over that of the reference.
         states: Scaled states at the nodes, which follow, shape (N + 1, nx).
+        moves: Displacements of a driving base, which follow; None if it stands.
     """
 
     controls: Array
     sigma: float
     states: Array
+    moves: Displacements | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,17 +69,18 @@ class _Memory:
         motion: The point.
         states: (q, w, alpha) at starts, ends and middles, shape (3N, n) each.
         places: Positions of a base there, shape (3N, 2), or None.
-        values: Nonlinear rows there, shape (3N, E).
-        by_ends: What given rates at both ends add to sigma's column, by inequality, (m,).
+        by_ends: What given rates at both ends add to sigma's column, by inequality, (m,); by limit
+            only where `C` forms rows on demand.
         drive: Displacements of a base in the intervals, or None.
+        C: Jacobian of the inequalities.
     """
 
     motion: Motion
     states: tuple[Array, Array, Array]
     places: Array | None
-    values: Array
     by_ends: Array
     drive: Any
+    C: Rows | CornerJacobian
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,10 +102,13 @@ class StagedProgram:
     with S = T^2 = sigma S_ref, boundary rates v_0 sqrt(S) and v_f sqrt(S). The joints' motion does
     not contain T.
 
-    Nonlinear rows r (`StageRows`) hold at both ends of every interval, because accelerations jump at
-    the nodes, and at the middle Bernstein control point 2 r(1/2) - (r(0) + r(1)) / 2 of the parabola
-    through start, middle and end, so that this parabola keeps the bound everywhere. Limits
+    Nonlinear rows r (`StageRows`) hold at both ends of every interval, because accelerations jump
+    at the nodes, and at the middle Bernstein control point 2 r(1/2) - (r(0) + r(1)) / 2 of the
+    parabola through start, middle and end, so that this parabola keeps the bound everywhere. Limits
     (`LimitRows`) hold at Bernstein points, that is everywhere.
+
+    Where the centre of mass of a payload may lie anywhere in a box, rows contain what its corners
+    miss (`moment_of_spread`), below a hundredth of the polygon's size. Derivatives leave it out.
 
     Curvature of the three points of an interval is taken at its middle, with the sum of their
     multipliers: clipping them one by one would keep parts that cancel.
@@ -170,11 +185,12 @@ class StagedProgram:
             change[:, n - 2] = to_rate * (missed[1, n - 2] / (to_rate @ to_rate))
         unscaled = (unscaled + change).reshape(N, ENDS, n)
         q, w = self.grid.rolled(self.start.q, first, unscaled)
-        states = [q, w / self.rate_scale]
+        states, moves = [q, w / self.rate_scale], None
         if self.drive is not None:
-            states.append(self.drive.positions(self.grid, q, w, unscaled))
+            p, moves = self.drive.path(self.grid, q, w, unscaled)
+            states.append(p)
         scaled = (unscaled / self.control_scale).reshape(N, -1)
-        return Motion(scaled, float(sigma), np.hstack(states))
+        return Motion(scaled, float(sigma), np.hstack(states), moves)
 
     def pack(self, controls: Array, S: float) -> Motion:
         """The motion nearest to accelerations (N, 2, n) [T^2 a] at a squared duration [s^2]."""
@@ -192,9 +208,14 @@ class StagedProgram:
         """The motion after a step of the variables, gaps closed and goal met exactly."""
         change = self._stage_steps(step, point.sigma)
         M = self.stages.hermite
-        controls = np.einsum("kuj,kj->ku", np.broadcast_to(
-            M, (self.grid.size, *M.shape[1:]))[:, self.stages.controls], change)
-        return self.motion(point.controls + controls, point.sigma + float(step[-1]))
+        controls = np.einsum(
+            "kuj,kj->ku",
+            np.broadcast_to(M, (self.grid.size, *M.shape[1:]))[:, self.stages.controls],
+            change,
+        )
+        # a screened program may miss the row that keeps sigma above LEAST_SHARE of what it is
+        sigma = max(point.sigma + float(step[-1]), 0.5 * LEAST_SHARE * point.sigma)
+        return self.motion(point.controls + controls, sigma)
 
     def _stage_steps(self, step: Array, sigma: float) -> Array:
         """Change of each mapped stage's variables, given rates at the ends included, (N, m)."""
@@ -210,26 +231,18 @@ class StagedProgram:
     def evaluate(self, point: Motion) -> Evaluation:
         """Values at a motion."""
         if not point.sigma > 0.0:
-            return self._evaluation(point, np.full((3 * self.grid.size, self.rows.count), np.nan))
+            nothing = np.full((3 * self.grid.size, self.rows.count), np.nan)
+            return self._evaluation(point, nothing, None)
         states, places, _ = self._samples(point)
         S = point.sigma * self.reference**2
-        return self._evaluation(point, self.rows.evaluate(*states, S, places))
+        return self._evaluation(point, self.rows.evaluate(*states, S, places), places)
 
     def linearize(self, point: Motion) -> Linearization:
         """Values and first derivatives at a motion."""
         states, places, drive = self._samples(point)
-        S, N = point.sigma * self.reference**2, self.grid.size
-        values, jacobian = self.rows.linearize(*states, S, places)  # (3N, E, 3n + 1 [+ 2])
-        by_state = jacobian[:, :, : 3 * self.n + 1]
-        start, end, middle = (
-            by_state[i * N : (i + 1) * N] @ part for i, part in enumerate(self.stages.mapped)
-        )
-        if places is not None and self.drive is not None:
-            by_place = jacobian[:, :, 3 * self.n + 1 :]
-            self.drive.add_place_derivatives(self.stages, drive, by_place, (start, end, middle))
-        blocks = np.stack([start, end, 2.0 * middle - 0.5 * (start + end)], axis=1)
-        entries, by_ends = self._inequality_entries(blocks, point.sigma)
-        C = Rows(self._patterns.C.matrix(self._patterns.C.data(entries)))
+        N = self.grid.size
+        form = self._all_rows if self.rows.models is None else self._rows_on_demand
+        values, C, by_ends = form(states, places, drive, point.sigma)
         A = None
         if self.drive is not None and self._patterns.A is not None:
             moves = self.drive.end_derivatives(self.stages, drive)
@@ -238,8 +251,8 @@ class StagedProgram:
             A = self._patterns.A.matrix(
                 self._patterns.A.data(np.concatenate([moves.ravel(), identity]))
             )
-        memory = _Memory(point, states, places, values, by_ends, drive)
-        at = self._evaluation(point, values)
+        memory = _Memory(point, states, places, by_ends, drive, C)
+        at = self._evaluation(point, values, places)
         return Linearization(at, self._gradient(point), A, C, memory)
 
     def hessian(
@@ -266,11 +279,9 @@ class StagedProgram:
 
     def metric(self) -> Any:
         """Sum of the squares of all scaled accelerations, by the variables."""
-        blocks = np.zeros((self.grid.size, self.stages.m, self.stages.m))
-        u = np.arange(self.stages.nx, self.stages.m - 1)
-        blocks[:, u, u] = 1.0
-        M = self.stages.hermite
-        blocks = M.transpose(0, 2, 1) @ blocks @ M
+        m = self.stages.m
+        M = self.stages.hermite[:, self.stages.controls]
+        blocks = np.broadcast_to(M.transpose(0, 2, 1) @ M, (self.grid.size, m, m))
         return self._patterns.H.matrix(self._patterns.H.data(blocks.ravel()))
 
     def decisive(self, point: Motion, *, early: bool) -> Mask:
@@ -284,22 +295,22 @@ class StagedProgram:
         mask[self.nonlinear : self.nonlinear + len(sides)] = sides
         return mask
 
-    def excess(self, point: Motion, lin: Linearization, *, fine: bool) -> Array | None:
+    def excess(self, point: Motion, at: Evaluation, *, fine: bool) -> Array | None:
         """What rows exceed the parabola through start, middle and end by, inside the intervals."""
-        memory: _Memory = lin.memory
+        values, at_places = at.memory
         N, shares = self.grid.size, INSIDE_FINE if fine else INSIDE
         q, w, controls, S = self.unpack(point)
         states = [self.grid.within(s, q[:-1], w[:-1], controls) for s in shares]
-        stacked = tuple(np.vstack(parts) for parts in zip(*states, strict=True))
+        at_q, at_w, alpha = (np.vstack(parts) for parts in zip(*states, strict=True))
         places = None
-        if memory.places is not None:
-            p0, p1, middle = (memory.places[i * N : (i + 1) * N] for i in range(3))
+        if at_places is not None:
+            p0, p1, middle = (at_places[i * N : (i + 1) * N] for i in range(3))
             places = np.vstack([_parabola(s, p0, p1, middle) for s in shares])
-        found = self.rows.evaluate(*stacked, S, places).reshape(len(shares), N, -1)
-        start, end, middle = memory.values.reshape(3, N, -1)
+        found = self.rows.evaluate(at_q, at_w, alpha, S, places).reshape(len(shares), N, -1)
+        start, end, middle = values.reshape(3, N, -1)
         most = np.zeros((N, self.rows.count))
-        for s, values in zip(shares, found, strict=True):
-            most = np.maximum(most, values - _parabola(s, start, end, middle))
+        for s, inside in zip(shares, found, strict=True):
+            most = np.maximum(most, inside - _parabola(s, start, end, middle))
         return np.repeat(most[:, None], POINTS, axis=1).ravel()
 
     def optimality_gap(self, point: Motion) -> float:
@@ -308,6 +319,41 @@ class StagedProgram:
         return point.sigma / least - 1.0 if least > 0.0 else np.inf
 
     # --- parts ------------------------------------------------------------------------------
+
+    def _all_rows(
+        self, states: tuple[Array, Array, Array], places: Array | None, drive: Any, sigma: float
+    ) -> tuple[Array, Rows, Array]:
+        """Values (3N, E) of the nonlinear rows, Jacobian of the inequalities, and `by_ends`."""
+        S, N = sigma * self.reference**2, self.grid.size
+        values, jacobian = self.rows.linearize(*states, S, places)  # (3N, E, 3n + 1 [+ 2])
+        by_state = jacobian[:, :, : 3 * self.n + 1]
+        start, end, middle = (
+            by_state[i * N : (i + 1) * N] @ part for i, part in enumerate(self.stages.mapped)
+        )
+        if places is not None and self.drive is not None:
+            by_place = jacobian[:, :, 3 * self.n + 1 :]
+            self.drive.add_place_derivatives(self.stages, drive, by_place, (start, end, middle))
+        blocks = np.stack([start, end, 2.0 * middle - 0.5 * (start + end)], axis=1)
+        entries, by_ends = self._inequality_entries(blocks, sigma)
+        return values, Rows(self._patterns.C.matrix(self._patterns.C.data(entries))), by_ends
+
+    def _rows_on_demand(
+        self, states: tuple[Array, Array, Array], places: Array | None, drive: Any, sigma: float
+    ) -> tuple[Array, CornerJacobian, Array]:
+        """The results of `_all_rows` with many corners: `by_ends` of the limits alone."""
+        stages = self.stages
+        expansion = self.rows.expand(*states, sigma * self.reference**2, places)
+        maps = stages.mapped
+        if places is not None and self.drive is not None:
+            maps = self.drive.with_positions(stages, drive, maps)
+        groups, by_ends = self.limits.entries(sigma)
+        entries = np.concatenate([group.ravel() for group in groups])
+        limits = Rows(self._patterns.C.matrix(self._patterns.C.data(entries)))
+        ends = np.zeros((2, stages.m))
+        half = 0.5 / np.sqrt(sigma) / STATE
+        ends[0, stages.rates], ends[1, stages.last_rates] = half * self.first, half * self.last
+        C = CornerJacobian(stages, expansion, maps, (ends[0], ends[1]), limits)
+        return expansion.values, C, by_ends
 
     def _samples(self, point: Motion) -> tuple[tuple[Array, Array, Array], Array | None, Any]:
         """States at starts, ends, middles (3N), positions there if they matter, displacements."""
@@ -321,15 +367,18 @@ class StagedProgram:
         if self.drive is None:
             return states, None, None
         p = point.states[:, self.stages.places]
-        drive = self.drive.displacements(self.grid, p, q, w, controls)
+        drive = point.moves
+        assert drive is not None
         if self.drive.terrain.uniform:
             return states, None, drive
         return states, np.vstack([p[:-1], p[1:], p[:-1] + drive.half]), drive
 
-    def _evaluation(self, point: Motion, values: Array) -> Evaluation:
+    def _evaluation(self, point: Motion, values: Array, places: Array | None) -> Evaluation:
         N = self.grid.size
         start, end, middle = values.reshape(3, N, -1)
         nonlinear = np.stack([start, end, 2.0 * middle - 0.5 * (start + end)], axis=1)
+        if self.rows.by_turning is not None:
+            nonlinear += self._turning(point)[:, None, None] * self.rows.by_turning
         with np.errstate(invalid="ignore"):
             limits = self.limits.values(point.states, point.controls, point.sigma)
         missed = np.zeros(self.equalities)
@@ -337,7 +386,22 @@ class StagedProgram:
             missed[-2:] = point.states[-1, self.stages.places] - self.drive.goal
         tie = 0.5 * self.tie * float(np.sum(point.controls**2))
         inequalities = np.concatenate([nonlinear.ravel(), limits])
-        return Evaluation(point.sigma, tie, missed, inequalities)
+        return Evaluation(point.sigma, tie, missed, inequalities, (values, places))
+
+    def _turning(self, point: Motion) -> Array:
+        """Largest turning of links in each interval (see `moment_of_spread`), times S, (N,)."""
+        _, w, controls, _ = self.unpack(point)
+        jerk = np.abs(controls[:, 1] - controls[:, 0])
+        rates = np.maximum(np.abs(w[:-1]), np.abs(w[1:])) + 0.125 * self.grid.steps[:, None] * jerk
+        accelerations = np.abs(controls).max(axis=1)
+        model = self.rows.corners[0].model
+        arm, G = model.coordinates.size, np.abs(model.coordinates.G)
+        base = None
+        if self.drive is not None:
+            base = np.zeros((2, 4, len(rates)))
+            base[1, :2] = rates[:, -1], accelerations[:, -1]
+        joints = (part[:, :arm] @ G.T for part in (rates, accelerations))
+        return moment_of_spread(model.machine, *joints, spread=1.0, base=base)
 
     def _gradient(self, point: Motion) -> Array:
         """Of sigma and the tie breaker by the variables."""
@@ -350,7 +414,8 @@ class StagedProgram:
         given = columns < 0
         index = np.where(given, 0, columns)
         weights = np.where(given, 0.0, by_stage.ravel())
-        gradient = np.bincount(index, weights=weights, minlength=self.size)
+        gradient = np.zeros(self.size)
+        gradient += np.bincount(index, weights=weights, minlength=self.size)
         gradient[-1] += 1.0
         return gradient
 
@@ -422,15 +487,25 @@ class StagedProgram:
             blocks[k, -1, :] += through
             blocks[k, -1, -1] += along @ through
         # second derivative of the square root of sigma: convex part only
-        bend = max(0.0, -0.5 / sigma * float(z @ memory.by_ends))
+        if isinstance(memory.C, CornerJacobian):
+            through_ends = memory.C.through_ends(z[: self.nonlinear])
+            through_ends += float(z[self.nonlinear :] @ memory.by_ends)
+        else:
+            through_ends = float(z @ memory.by_ends)
+        bend = max(0.0, -0.5 / sigma * through_ends)
         blocks[:, -1, -1] += bend / self.grid.size
+
+    @property
+    def _rows_in_pattern(self) -> int:
+        """Nonlinear rows per point; none where they are formed on demand."""
+        return self.rows.count if self.rows.models is None else 0
 
     def _cached_patterns(self) -> _Patterns:
         limits = self.limits
         key = (
             self.grid.size,
             self.n,
-            self.rows.count,
+            self._rows_in_pattern,
             self.stages.positions,
             limits.moving,
             tuple(limits.upper.tolist()),
@@ -491,8 +566,9 @@ def _patterns_of(key: _Key) -> _Patterns:
         (size, size),
         upper=True,
     )
-    groups = [np.repeat(columns, POINTS * program.rows.count, axis=0), *program.limits.columns]
-    C = Pattern(*_touched(groups), (program.inequalities, size))
+    count = POINTS * program._rows_in_pattern
+    groups = [np.repeat(columns, count, axis=0), *program.limits.columns]
+    C = Pattern(*_touched(groups), (N * count + program.limits.count, size))
     if program.drive is None:
         return _Patterns(H, C, None)
     row = np.arange(2 * N).reshape(N, 2)

@@ -1,9 +1,10 @@
 r"""Variables of the staged program, and the maps from them to states within the intervals.
 
 Stage k has a state x_k = (q_k, w_k / w_s [, p_k]) and accelerations u_k at both ends of its
-interval, scaled to order one; sigma = S / S_ref is global. Since accelerations run linearly within an
-interval, its u_k follows from x_k and x_{k+1}: a cubic through Hermite's data. So quadratic programs
-need neither accelerations as variables nor the equations of motion as equalities. Their variables are
+interval, scaled to order one; sigma = S / S_ref is global. Since accelerations run linearly within
+an interval, its u_k follows from x_k and x_{k+1}: a cubic through Hermite's data. So quadratic
+programs need neither accelerations as variables nor the equations of motion as equalities. Their
+variables are
 
 .. math:: (x_1, \dots, x_{N-1} [, \text{path length at the goal}], \sigma)
 
@@ -171,6 +172,22 @@ class Stages:
         return tuple(np.ascontiguousarray(part @ self.hermite) for part in maps)  # type: ignore[return-value]
 
     @cached_property
+    def heading(self) -> Array:
+        """Yaw at start, middle and end, then the path length's rate there, by (x_k, u_k, sigma).
+
+        Shape (K, 6, m); with a base that drives only.
+        """
+        n, order = self.n, (self.at_start, self.at_middle, self.at_end)
+        yaw = [part[:, n - 1] for part in order]
+        rate = [part[:, 2 * n - 2] for part in order]
+        return np.stack([*yaw, *rate], axis=1)
+
+    @cached_property
+    def mapped_heading(self) -> Array:
+        """`heading` by the variables of a mapped stage, shape (K, 6, m)."""
+        return np.asarray(self.heading @ self.hermite)
+
+    @cached_property
     def control_entries(self) -> Array:
         """Each scaled acceleration by (q_k, w_k, q_{k+1}, w_{k+1}) of its joint, (N, 2, n, 4)."""
         n, nx, j = self.n, self.nx, np.arange(self.n)
@@ -184,7 +201,7 @@ class Stages:
 
     @cached_property
     def middle_factors(self) -> tuple[Array, Array]:
-        """Orthonormal basis and triangle of the middle map: P' = Q R, (K, m, 3n+1), (K, 3n+1, 3n+1)."""
+        """Factors P' = Q R of the middle map: orthonormal (K, m, 3n+1), triangle (K, 3n+1, 3n+1)."""
         Q, R = np.linalg.qr(self.at_middle.transpose(0, 2, 1))
         return Q, R
 

@@ -1,4 +1,4 @@
-"""Whether a base keeps its limits at all times, and starts and ends where it should."""
+"""Check that a base keeps its limits at all times, and starts and ends where required."""
 
 from __future__ import annotations
 
@@ -9,17 +9,18 @@ from zmp_sqp.motion.root_motion import root_motion_bounds
 from zmp_sqp.motion.unicycle_motion import UnicycleMotion
 from zmp_sqp.planning.constraints.guarantee import Guarantee
 from zmp_sqp.planning.problem.unicycle_base import UnicycleBase
-from zmp_sqp.planning.proof.path_error import path_error
+from zmp_sqp.planning.proof.position_errors import path_error
 from zmp_sqp.planning.proof.subdivision import LeastValue, StretchValues, Wanted, subdivide
 
 __all__ = ["ARRIVAL", "BOUNDS_TOLERANCE", "base_guarantees", "bounds_guarantee", "position_room"]
 
-ARRIVAL = 1e-5  # [m or rad] largest miss of start or goal that counts as there, for any motion
-RATE_ARRIVAL = 1e-6  # [m/s or rad/s, relative above one] largest miss of the rates there
+ARRIVAL = 1e-5  # [m or rad] largest distance from start or goal that counts as arrived
+# [m/s or rad/s, relative above one] largest difference from the rates at start or goal
+RATE_ARRIVAL = 1e-6
 LIMIT_TOLERANCE = 1e-9  # [m/s, rad/s, per second] excess over a limit that counts as rounding
 BOUNDS_TOLERANCE = 1e-6  # [m] excess over x and y bounds that counts as rounding
-FINE = 1e-7  # [m] to which the excess over x and y bounds is found, where there is one
-ROUNDING = 1e-9  # [m]
+RESOLUTION = 1e-7  # [m] to which an excess over x and y bounds is found
+ROUNDING = 1e-9  # [m] rounding error of positions, with a large factor to spare
 NAMES = ("max_speed", "max_yaw_rate", "max_acceleration", "max_yaw_acceleration")
 UNITS = ("m/s", "rad/s", "m/s^2", "rad/s^2")
 
@@ -27,9 +28,9 @@ UNITS = ("m/s", "rad/s", "m/s^2", "rad/s^2")
 def base_guarantees(base: UnicycleBase, motion: UnicycleMotion) -> tuple[Guarantee, ...]:
     """Room that a motion leaves to a base's limits, x and y bounds, start and goal.
 
-    Start and goal pose count as met within 1e-5 m and rad, speed and yaw rate there within 1e-6
-    (relative above one), bounds on x and y within 1e-6 m, and the limits of speed, yaw rate and
-    accelerations within 1e-9. What counts as met has a value of at least zero.
+    Tolerances: 1e-5 m and rad for the poses at start and goal, 1e-6 (relative above one) for speed
+    and yaw rate there, 1e-6 m for the bounds on x and y, and 1e-9 for the limits of speed, yaw
+    rate and accelerations. A guarantee within its tolerance has a value of at least zero.
     """
     found = [_rate_guarantee(base, motion), *_boundary_guarantees(base, motion)]
     within = bounds_guarantee(base, motion)
@@ -54,25 +55,26 @@ def bounds_guarantee(base: UnicycleBase, motion: UnicycleMotion) -> Guarantee | 
 
 
 def position_room(base: UnicycleBase, motion: UnicycleMotion) -> LeastValue | None:
-    r"""Least distance from the base's path to its x and y bounds; None if it has none.
+    r"""Least distance from the base's path to its x and y bounds; None if there are none.
 
-    Between two times that lie :math:`\delta` apart, a position p is no nearer to a bound than at
-    these, but for
+    Between two times that lie :math:`\delta` apart, a position p is nearer to a bound than at
+    both of them by at most
 
     .. math:: \frac{\delta^2}{8} \max |\ddot p| + e
 
-    with e, how far the unicycle may be from its computed path (`path_error`). The rows of the result
-    are x and y below their upper bounds, then above their lower ones.
+    with the error e of the computed path (`path_error`). Rows of the result: x and y below their
+    upper bounds, then above their lower bounds.
     """
     lower, upper = base.position_bounds
     if not (np.isfinite(lower).any() or np.isfinite(upper).any()):
         return None
     every, steps = np.arange(len(motion.jerks)), np.diff(motion.times)
-    with np.errstate(all="ignore"):  # what overflows is not known
+    with np.errstate(all="ignore"):  # bounds that overflow are infinite
         bend = root_motion_bounds(motion, every, 0.0 * steps, steps, height=0.0)[0, 1]
         error = np.nan_to_num(path_error(motion), nan=np.inf) + ROUNDING
 
     def evaluate(interval: Indices, share: Array, length: Array) -> list[StretchValues]:
+        """Room to the bounds on K stretches."""
         h = steps[interval]
         since = np.stack([share, share + length]) * h
         ends = np.stack([motion.state_in(interval, at)[0][:, :2] for at in since])
@@ -86,12 +88,12 @@ def position_room(base: UnicycleBase, motion: UnicycleMotion) -> LeastValue | No
         when = motion.times[interval] + since[flat, np.arange(len(interval))]
         return [StretchValues(least, when, nearest.argmin(axis=1), least - sag, least)]
 
-    wanted = Wanted(required=0.0, resolution=FINE, tight_if_kept=False)
+    wanted = Wanted(required=0.0, resolution=RESOLUTION, tight_if_kept=False)
     return subdivide(np.ones(len(steps), dtype=int), evaluate, [wanted])[0]
 
 
 def _rate_guarantee(base: UnicycleBase, motion: UnicycleMotion) -> Guarantee:
-    """Least room to the limits of speed, yaw rate and their rates at any time, in closed form."""
+    """Least room to the limits of speed, yaw rate and accelerations at any time, in closed form."""
     v, a, j, h = (
         motion.velocities,
         motion.accelerations,
@@ -138,14 +140,14 @@ def _rate_guarantee(base: UnicycleBase, motion: UnicycleMotion) -> Guarantee:
 
 
 def _boundary_guarantees(base: UnicycleBase, motion: UnicycleMotion) -> list[Guarantee]:
-    """By how much less than allowed the motion misses start and goal: position, yaw, rates."""
+    """Room to the tolerances of position, yaw and rates at start and goal."""
     found = []
     for side, k in (("start", 0), ("goal", -1)):
         off = np.abs(motion.poses[k] - getattr(base, side))
-        asked = getattr(base, f"{side}_velocity")
-        late = np.abs(motion.velocities[k] - asked)
+        required = getattr(base, f"{side}_velocity")
+        off_rates = np.abs(motion.velocities[k] - required)
         position, yaw = float(np.hypot(*off[:2])), float(off[2])
-        speed = float((late - RATE_ARRIVAL * np.abs(asked)).max())
+        speed = float((off_rates - RATE_ARRIVAL * np.abs(required)).max())
         rows = (
             # within the tolerance along each axis
             ("position", ARRIVAL - position, "m", bool(off[:2].max() <= ARRIVAL)),
@@ -153,7 +155,7 @@ def _boundary_guarantees(base: UnicycleBase, motion: UnicycleMotion) -> list[Gua
             ("rates", RATE_ARRIVAL - speed, "m/s or rad/s", speed <= RATE_ARRIVAL),
         )
         time = float(motion.times[k])
-        for what, room, unit, met in rows:
+        for kind, room, unit, met in rows:
             value = max(room, 0.0) if met else min(room, -np.finfo(float).tiny)
-            found.append(Guarantee("base", f"{side} {what}", value, unit, time, "", proven=True))
+            found.append(Guarantee("base", f"{side} {kind}", value, unit, time, "", proven=True))
     return found

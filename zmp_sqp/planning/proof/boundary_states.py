@@ -1,4 +1,4 @@
-"""Whether a motion begins and ends in the states that a problem asks for."""
+"""Check that a motion starts and ends in the states that a problem requires."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from zmp_sqp.planning.proof.base_check import ARRIVAL as BASE_ARRIVAL
 
 __all__ = ["ARRIVAL", "meets_boundary_states"]
 
-# [rad or m, and per second, relative above one] largest miss of a boundary state that counts as met
+# [rad or m, and per second, relative above one] largest difference that counts as met
 ARRIVAL = 1e-6
 
 
 def meets_boundary_states(problem: Problem, trajectory: Trajectory) -> bool:
-    """Whether the joints, and the base if there is one, start and end in the problem's states."""
-    for asked, found in (
+    """Whether joints and base start and end in the states that the problem requires."""
+    for required, found in (
         ((problem.start, problem.goal), trajectory.positions),
         ((problem.start_velocity, problem.goal_velocity), trajectory.velocities),
     ):
-        if not (np.abs(found[[0, -1]] - asked) <= ARRIVAL * (1.0 + np.abs(asked))).all():
+        if not (np.abs(found[[0, -1]] - required) <= ARRIVAL * (1.0 + np.abs(required))).all():
             return False
     base = problem.base
     if base is None or trajectory.base is None:

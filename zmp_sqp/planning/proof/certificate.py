@@ -1,17 +1,16 @@
-"""Proof that a motion keeps its constraints at all times, not only at samples."""
+"""Certificate of a motion: guarantees that hold at all times, not only at samples."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import zip_longest
 
 import numpy as np
 
-from zmp_sqp.arrays import Array, finite_number, frozen_array
+from zmp_sqp.arrays import Array, finite_number
 from zmp_sqp.errors import ProblemError
 from zmp_sqp.mechanics.coordinates import Coordinates
-from zmp_sqp.mechanics.ground import GRAVITY, Ground
+from zmp_sqp.mechanics.ground import Ground, Slope
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.uncertainty import Corner
 from zmp_sqp.motion.root_motion import check_tracks, with_ground
@@ -23,41 +22,40 @@ from zmp_sqp.planning.constraints.tip_over import Contact, TipOver
 from zmp_sqp.planning.problem.problem import Problem
 from zmp_sqp.planning.problem.unicycle_base import UnicycleBase
 from zmp_sqp.planning.proof.base_check import base_guarantees
-from zmp_sqp.planning.proof.corner_motion import CornerMotion, first_parts, row_scale
-from zmp_sqp.planning.proof.limits_in_time import (
-    joints_least_duration,
-    limit_excess,
-    limit_guarantee,
-)
+from zmp_sqp.planning.proof.corner_efforts import CornerEfforts, grouped
+from zmp_sqp.planning.proof.corner_motion import CornerMotion, MotionEfforts, row_scale
+from zmp_sqp.planning.proof.effort_chords import EffortChords
+from zmp_sqp.planning.proof.effort_curves import EffortCurves
+from zmp_sqp.planning.proof.limits_in_time import joints_least_duration, limit_guarantee
 from zmp_sqp.planning.proof.motion_checks import check_arguments, check_drift, reason_of_doubt
 from zmp_sqp.planning.proof.subdivision import ROUNDING, LeastValue, Wanted, subdivide
 from zmp_sqp.planning.proof.words import fault_of
 
 __all__ = ["Certificate", "certify", "certify_at", "certify_for"]
 
-SAMPLING = 2000.0  # [1/s] at which rows without a bound on their curvature are looked at
-MOST_SAMPLES = 400_000  # of those, however long the motion is
+SAMPLING = 2000.0  # [1/s] rate at which rows without a bound between samples are sampled
+MOST_SAMPLES = 400_000  # largest number of these samples, which limits time and memory
 LIMITS = ("joint_limits", "base")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Certificate:
-    """What is guaranteed of a motion for all t.
+    """Guarantees for a motion that hold at all times.
 
     Attributes:
         guarantees: One per constraint: "tip_over", "contact", the problem's own constraints by
-            name, "joint_limits", and "base" (several) for a base whose limits are known.
-        edge: Index of the support polygon's edge that the zero moment point comes nearest to.
-        sampled: Least sampled distance from it, which the guaranteed one falls short of [m].
-        limit_excess: Largest excess over a limit of the joints or the base; not positive inside,
-            infinite where the base does not start or end as asked [rad or m, per second, per second
-            squared].
-        gap: duration / lower bound - 1: how much longer the motion is than the fastest one that
-            knows only the joint limits; zero where there is no bound (a limit is missing, or the
-            rates at the ends break one).
-        required: Margin that was asked for [m].
-        doubt: Why no margin at all can be proven although all samples have one, in words; empty
-            where one is proven.
+            name, "joint_limits", and several of the name "base" if the base's limits are given.
+        edge: Index of the edge of the support polygon that the zero moment point comes nearest to.
+        sampled: Least sampled distance from this edge; the guaranteed distance is below it [m].
+        limit_excess: Largest excess over a limit of the joints or the base; zero or negative if
+            all limits are kept, infinite if the base does not start or end as required [rad or m,
+            per second, per second squared].
+        gap: duration / lower bound - 1, where the lower bound is the least duration within the
+            limits of joints and base alone; zero if there is none (a limit is missing, or a rate at
+            the start or the end exceeds its limit).
+        required: Required margin [m].
+        doubt: Why no margin can be proven although every sample has one, in words; empty if a
+            margin is proven.
     """
 
     guarantees: tuple[Guarantee, ...]
@@ -70,7 +68,7 @@ class Certificate:
 
     @classmethod
     def of_nothing(cls, required: float) -> Certificate:
-        """What is guaranteed of a motion that cannot be looked at: nothing."""
+        """Certificate of a motion that could not be made: nothing is guaranteed."""
         rows = (("tip_over", "", "m"), ("joint_limits", "", ""))
         guarantees = tuple(
             Guarantee(name, label, -np.inf, unit, 0.0, "", proven=False)
@@ -80,14 +78,14 @@ class Certificate:
 
     @property
     def tip_over(self) -> Guarantee:
-        """Guaranteed distance from the zero moment point to the nearest edge."""
+        """Guarantee of the distance from the zero moment point to the nearest edge."""
         return next(found for found in self.guarantees if found.name == "tip_over")
 
     @property
     def margin(self) -> float:
-        """Least signed distance from the zero moment point to an edge that is guaranteed [m].
+        """Guaranteed least signed distance from the zero moment point to an edge [m].
 
-        -inf where the ground may have to pull.
+        It is -inf if the ground may have to pull at the machine.
         """
         return self.tip_over.value
 
@@ -98,29 +96,29 @@ class Certificate:
 
     @property
     def corner(self) -> str:
-        """Payload and slope for which the margin is least; empty where nothing is uncertain."""
+        """Payload and slope for which the margin is least; empty if nothing is uncertain."""
         return self.tip_over.corner
 
     @property
     def broken(self) -> tuple[Guarantee, ...]:
-        """Guarantees that do not give what was asked for."""
+        """Guarantees that are below the required values."""
         return tuple(found for found in self.guarantees if not found.kept)
 
     @property
     def limits_ok(self) -> bool:
-        """Whether the known limits of joints and base, its start and its goal are kept."""
+        """Whether the motion keeps the limits of joints and base, and the base's start and goal."""
         return all(found.kept for found in self.guarantees if found.name in LIMITS)
 
     @property
     def fault(self) -> str:
-        """Which limit is not kept, in words that follow "the motion"; empty if all are kept."""
+        """The first constraint that is not kept, in words that follow "the motion"; or empty."""
         order = sorted(self.broken, key=lambda found: found.name != "joint_limits")
         words = (fault_of(found) for found in order if found.name not in ("tip_over", "contact"))
         return next(words, "")
 
     @property
     def safe(self) -> bool:
-        """Whether every constraint is kept at all times: the margin asked for, but at least zero."""
+        """Whether all constraints are kept at all times, tip-over with a margin of at least 0."""
         return not self.broken
 
 
@@ -134,31 +132,31 @@ def certify(
     spread: float = 0.0,
     constraints: Sequence[PathConstraint] = (),
 ) -> Certificate:
-    """What is guaranteed of any trajectory of the machine, planned here or not, at all times.
+    """Certificate of any trajectory of the machine, whether it was planned here or not.
 
-    Time is cut into stretches. What a constraint's rows do inside follows from their values at both
-    ends and from a bound on their second derivatives (see `TipOverRows.least_between` and
-    `effort_bounds`). Stretches whose bound is too loose where it matters are cut further. Rounding
-    errors are bounded and taken off.
+    Time is cut into stretches. Inside a stretch the ground reaction is close to a polynomial
+    (`effort_curves`), or over uneven ground to a straight line (`effort_chords`), whose control
+    points bound the rows of the constraints. A stretch whose bound is too loose is cut further.
+    Guarantees are reduced by bounds on all errors, rounding included.
 
     Args:
-        machine: With a support polygon.
-        trajectory: The motion; its joints must be the machine's.
-        ground: What the machine stands or drives on.
-        margin: Distance from the edges that is asked for [m].
-        base: Limits, x and y bounds, start and goal that the base's motion is checked against, poses
-            to within 1e-5 m and rad (`base_guarantees`). None does not look at them.
-        spread: Mass of a payload times the squared distance by which its centre of mass may be off,
-            where this machine is a corner of what it may be: `moment_of_spread` is taken off
-            [kg m^2].
+        machine: Machine with a support polygon.
+        trajectory: Motion of the joints of the machine, and of its base if it drives.
+        ground: Ground that the machine stands or drives on.
+        margin: Required distance from every edge [m].
+        base: Limits, x and y bounds, start and goal that the base's motion is checked against, see
+            `base_guarantees`; None checks none of them.
+        spread: Mass of a payload times the squared distance by which its centre of mass may be
+            displaced, if this machine is one corner of an uncertain one: the margin is reduced
+            by the effect of `moment_of_spread` [kg m^2].
         constraints: Path constraints beside tip-over and the limits.
 
     Raises:
         MachineError: No machine, or no support polygon.
-        ProblemError: The trajectory has other joints, margin, spread or gravity are not numbers, the
-            spread is negative, a constraint does not fit the machine, or the base moves on ground
-            that is no terrain, off its map, over ground that its tracks cannot follow, or not at
-            all although it has limits.
+        ProblemError: The trajectory has other joints; margin, spread or gravity are not numbers;
+            the spread is negative; a constraint does not fit the machine; or the base moves on
+            ground that is no terrain, off its map, over ground that its tracks cannot follow, or
+            not at all although it has limits.
         TrajectoryError: No trajectory, or one whose nodes drift away from what its accelerations
             produce.
     """
@@ -169,14 +167,14 @@ def certify(
 
 
 def certify_for(problem: Problem, trajectory: Trajectory) -> Certificate:
-    """What is guaranteed of a motion at all corners of the problem's payload and slope.
+    """Certificate of a motion for every payload and slope that a problem allows.
 
-    Rows are affine in payload and gravity, each for itself, so that what holds at the corners holds
-    between them; what squares of a displaced centre of mass can do there is taken off
-    (`moment_of_spread`).
+    The wrench is affine in the payload's mass and in gravity, so that rows which are kept at the
+    corners of both are kept between them. The effect of a displaced centre of mass that is not
+    affine is bounded by `moment_of_spread`.
 
     Args:
-        problem: With its margin, its base, its constraints and what is uncertain.
+        problem: Its margin, base, constraints and uncertainties are used, not its start and goal.
         trajectory: The motion.
     """
     return certify_at(
@@ -198,13 +196,13 @@ def certify_at(
     constraints: Sequence[PathConstraint] = (),
     coordinates: Coordinates | None = None,
 ) -> Certificate:
-    """The least of the guarantees at these corners, arguments as in `certify`.
+    """Certificate of a motion at several corners of payload and slope: the least guarantees.
 
     Args:
         corners: At least one.
         trajectory, margin, base, constraints: Arguments of `certify`.
-        coordinates: In which the motion was planned, which constraints of the simplified model ask
-            for; None for the joints themselves.
+        coordinates: Planning coordinates that constraints of the simplified model need; None if
+            the joints themselves were planned.
     """
     first = corners[0]
     check_arguments(first.machine, trajectory, first.ground)
@@ -213,23 +211,12 @@ def certify_at(
         check_tracks(driven.base, first.machine.support)  # type: ignore[arg-type]
     check_drift(driven)
     required = finite_number(margin, name="margin", error=ProblemError)
+    every: tuple[PathConstraint, ...] = (TipOver(), Contact(), *constraints)
     planned = coordinates or Coordinates.identity(first.machine.size)
-    proofs = []
-    for number, corner in enumerate(corners):
-        every: tuple[PathConstraint, ...] = (TipOver(), Contact(), *constraints)
-        rows = bound_rows(every, corner.machine, planned)
-        kept = [i for i, part in enumerate(rows) if number == 0 or part.per_corner]
-        # those that do not depend on the corner stand last, so that proofs of corners can be zipped
-        kept.sort(key=lambda i: not rows[i].per_corner)
-        named = [(every[i].name, rows[i]) for i in kept]
-        proofs.append(_prove(corner, trajectory, required, named))
-    merged = [
-        min((row for row in rows if row is not None), key=lambda row: row.scaled)
-        for rows in zip_longest(*proofs)
-    ]
-    guarantees = [row.guarantee for row in merged]
-    excess = limit_excess(first.machine, trajectory)[0]
-    guarantees.append(limit_guarantee(first.machine, trajectory))
+    merged = _prove_all(corners, driven, required, every, planned)
+    guarantees = [proof.guarantee for proof in merged]
+    of_joints, excess = limit_guarantee(first.machine, trajectory)
+    guarantees.append(of_joints)
     least_duration = joints_least_duration(first.machine, trajectory)
     if base is not None:
         if driven.base is None:
@@ -252,7 +239,15 @@ def certify_at(
 
 @dataclass(frozen=True, slots=True)
 class _Proof:
-    """What is guaranteed of one constraint at one corner; `scaled` compares corners."""
+    """Guarantee of one constraint at the worst of some corners.
+
+    Attributes:
+        guarantee: The guarantee.
+        scaled: Value of the guarantee in the unit of the constraint's first row; compares corners.
+        sampled: Least sampled value, in the unit of the guarantee.
+        row: Row of the constraint that has the least sampled value.
+        doubt: Why nothing can be proven although all samples are finite; empty otherwise.
+    """
 
     guarantee: Guarantee
     scaled: float
@@ -261,34 +256,83 @@ class _Proof:
     doubt: str
 
 
-def _prove(
-    corner: Corner,
-    trajectory: Trajectory,
+def _prove_all(
+    corners: Sequence[Corner],
+    driven: Trajectory,
     required: float,
-    named: Sequence[tuple[str, ConstraintRows]],
+    constraints: Sequence[PathConstraint],
+    planned: Coordinates,
 ) -> list[_Proof]:
-    """Guarantees of constraints, given by name and rows, at one corner."""
-    machine, ground = corner.machine, corner.ground
-    trajectory = with_ground(trajectory, ground)
-    standing = trajectory.base is None or trajectory.base.ground.uniform
-    # a base that drives looks under itself; here only the strength counts, the same everywhere
-    here = ground.gravity() if standing else (0.0, 0.0, -GRAVITY)
-    gravity = frozen_array(here, name="gravity", shape=(3,), error=ProblemError)
-    rows = tuple(part for _, part in named)
-    asked = [required if name == "tip_over" else 0.0 for name, _ in named]
-    wanted = [
-        Wanted(value, float(part.resolution[0])) for value, part in zip(asked, rows, strict=True)
-    ]
-    with np.errstate(all="ignore"):  # what overflows is not guaranteed
-        motion = CornerMotion(machine, trajectory, gravity, rows, spread=corner.spread)
-        least = subdivide(first_parts(trajectory), motion.values, wanted)
-        for part, value in zip(rows, least, strict=True):
-            if not part.proven:
-                _look_closely(part, machine, trajectory, value)
+    """Least guarantee of each constraint at any corner.
+
+    Args:
+        corners: At least one.
+        driven: The motion, its base on the first corner's ground.
+        required: Required margin [m].
+        constraints: All constraints, tip-over first.
+        planned: Planning coordinates.
+    """
+    proofs: list[dict[int, _Proof]] = []
+    for number, group in enumerate(grouped(corners, driven)):
+        rows_of = {
+            id(corner.machine): bound_rows(constraints, corner.machine, planned)
+            for corner in {id(corner.machine): corner for corner in group}.values()
+        }
+        rows = [
+            [rows_of[id(corner.machine)][i] for corner in group] for i in range(len(constraints))
+        ]
+        # rows that do not depend on the corner are proven with the first one
+        kept = [i for i, part in enumerate(rows) if number == 0 or part[0].per_corner]
+        asked = [required if constraints[i].name == "tip_over" else 0.0 for i in kept]
+        names = [constraints[i].name for i in kept]
+        found = _prove(group, driven, asked, names, [rows[i] for i in kept])
+        proofs.append(dict(zip(kept, found, strict=True)))
     return [
-        _proof(name, part, value, motion, corner.text, margin)
-        for (name, part), value, margin in zip(named, least, asked, strict=True)
+        min((found[i] for found in proofs if i in found), key=lambda proof: proof.scaled)
+        for i in range(len(constraints))
     ]
+
+
+def _prove(
+    corners: Sequence[Corner],
+    trajectory: Trajectory,
+    asked: Sequence[float],
+    names: Sequence[str],
+    rows: Sequence[Sequence[ConstraintRows]],
+) -> list[_Proof]:
+    """Guarantees of constraints at corners that can be proven together.
+
+    Args:
+        corners: Corners, see `grouped`.
+        trajectory: The motion.
+        asked: Required value of each constraint.
+        names: Name of each constraint.
+        rows: Rows of each constraint at each corner.
+    """
+    trajectory = with_ground(trajectory, corners[0].ground)
+    joints = any(part[0].needs_joint_efforts for part in rows)
+    standing = trajectory.base is None or isinstance(trajectory.base.ground, Slope)
+    with np.errstate(all="ignore"):  # bounds that overflow give no guarantee
+        efforts: MotionEfforts
+        if standing:
+            efforts = EffortCurves.of(CornerEfforts(corners, trajectory, joints))
+        else:
+            efforts = EffortChords.of(corners[0], trajectory, joints=joints)
+        motion = CornerMotion(corners, trajectory, efforts, rows)
+        wanted = [
+            Wanted(value, efforts.fineness * float(part[0].resolution[0]))
+            for value, part in zip(asked, rows, strict=True)
+        ]
+        least = subdivide(motion.first_parts, motion.values, wanted)
+        found = []
+        for name, part, value, margin in zip(names, rows, least, asked, strict=True):
+            piece, corner = motion.numbers(value.interval)
+            if not part[corner].proven:
+                _sample_densely(part[corner], corners[corner].machine, trajectory, value)
+            elif efforts.exhausted:
+                _recompute_sample(part[corner], motion, (piece, corner), value)
+            found.append(_proof(name, part[corner], value, motion, corners[corner], margin))
+    return found
 
 
 def _proof(
@@ -296,13 +340,15 @@ def _proof(
     rows: ConstraintRows,
     least: LeastValue,
     motion: CornerMotion,
-    corner: str,
+    corner: Corner,
     required: float,
 ) -> _Proof:
+    """Guarantee of one constraint from its least value."""
     scale, doubt = float(row_scale(rows)[least.row]), ""
     guaranteed = least.guaranteed if not np.isnan(least.guaranteed) else -np.inf
     if np.isneginf(guaranteed) and np.isfinite(least.sampled):
-        doubt = reason_of_doubt(motion.trajectory, motion.rounding, exhausted=least.exhausted)
+        exhausted = least.exhausted or motion.efforts.exhausted
+        doubt = reason_of_doubt(motion, exhausted=exhausted)
     scaled = guaranteed - ROUNDING
     guarantee = Guarantee(
         name=name,
@@ -310,17 +356,34 @@ def _proof(
         value=scaled * scale,
         unit=rows.units[least.row],
         time=least.time,
-        corner=corner,
+        corner=corner.text,
         proven=rows.proven,
         required=required,
     )
     return _Proof(guarantee, scaled, least.sampled * scale, least.row, doubt)
 
 
-def _look_closely(
+def _recompute_sample(
+    rows: ConstraintRows, motion: CornerMotion, at: tuple[int, int], least: LeastValue
+) -> None:
+    """Replace the sampled value, which polynomials gave, by inverse dynamics at its time.
+
+    Args:
+        rows: Rows of the constraint.
+        motion: The motion.
+        at: Piece and corner of the least sampled value.
+        least: Holds that value.
+    """
+    interval = motion.efforts.interval[[at[0]]]
+    since = np.array([least.time]) - motion.trajectory.times[interval]
+    room = rows.room(motion.sample(at[1], interval, since))[0] / row_scale(rows)
+    least.sampled, least.row = float(room.min()), int(room.argmin())
+
+
+def _sample_densely(
     rows: ConstraintRows, machine: Machine, trajectory: Trajectory, least: LeastValue
 ) -> None:
-    """Look at rows without a bound on their curvature 2000 times a second."""
+    """Sample rows without a bound between samples at 2000 Hz, the least sample as guarantee."""
     steps = np.diff(trajectory.times)
     rate = min(SAMPLING, MOST_SAMPLES / max(trajectory.duration, 1.0 / SAMPLING))
     counts = np.maximum(np.ceil(steps * rate), 1.0).astype(int)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -14,17 +15,17 @@ from zmp_sqp.planning.constraints.guarantee import Guarantee
 
 __all__ = ["LIMIT_TOLERANCE", "joints_least_duration", "limit_excess", "limit_guarantee"]
 
-# largest excess over a limit that counts as rounding, as a share of the limit if that is below one
+# excess over a limit that counts as rounding, as a share of the limit if that is below one
 LIMIT_TOLERANCE = 1e-9
 KINDS = ("upper position", "lower position", "velocity", "acceleration")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Extremes:
-    """Joint coordinates and their derivatives where they can be extreme, shape (M, n) each.
+    """Joint coordinates and their derivatives at all times where one can be extreme, (M, n) each.
 
-    Positions are cubics and rates parabolas within the intervals, so that besides the nodes only the
-    times where the rate or the acceleration vanishes matter.
+    Within an interval, positions are cubics and rates are parabolas. Besides the nodes, only the
+    times at which the rate or the acceleration vanishes can be extreme.
     """
 
     times: Array
@@ -34,6 +35,7 @@ class _Extremes:
 
     @classmethod
     def of(cls, trajectory: Trajectory) -> _Extremes:
+        """Extremes of a trajectory."""
         starts = trajectory.times[:-1, None]
         v, a, j = trajectory.velocities[:-1], trajectory.accelerations, trajectory.jerks
         h = np.broadcast_to(np.diff(trajectory.times)[:, None], a.shape)
@@ -42,44 +44,43 @@ class _Extremes:
             # the two times where the rate vanishes, each in its stable form
             sqrt = np.sqrt(a**2 - 2.0 * j * v)
             pivot = -(a + np.where(a >= 0.0, sqrt, -sqrt))
-            found = [np.zeros_like(a)]
-            for since in (no_acceleration, 2.0 * v / pivot, pivot / j, h):
-                found.append(np.where((since > 0.0) & (since <= h), since, 0.0))  # False for NaN
-            parts = [_at(trajectory, since) for since in found]
-            nodes = np.broadcast_to(trajectory.times[:, None], trajectory.positions.shape)
-            return cls(
-                np.vstack([nodes, *(starts + since for since in found)]),
-                np.vstack([trajectory.positions, *(part[0] for part in parts)]),
-                np.vstack([trajectory.velocities, *(part[1] for part in parts)]),
-                np.vstack([np.vstack([a, a[-1:]]), *(part[2] for part in parts)]),
-            )
+            since = np.stack([no_acceleration, 2.0 * v / pivot, pivot / j, h])  # (4, N, n)
+            since = np.where((since > 0.0) & (since <= h), since, 0.0)  # False for NaN
+            shape, inside = (-1, a.shape[1]), _at(trajectory, since)
+        nodes = np.broadcast_to(trajectory.times[:, None], trajectory.positions.shape)
+        return cls(
+            np.vstack([nodes, (starts + since).reshape(shape)]),
+            np.vstack([trajectory.positions, inside[0].reshape(shape)]),
+            np.vstack([trajectory.velocities, inside[1].reshape(shape)]),
+            np.vstack([a, a[-1:], inside[2].reshape(shape)]),
+        )
 
 
 def limit_excess(machine: Machine, trajectory: Trajectory) -> tuple[float, float]:
     """Largest excess over any joint limit at any time, in closed form.
 
-    Limits that nobody has given (NaN) cannot be exceeded; without any limit the excess is -inf.
+    Limits that are not given (NaN) cannot be exceeded; without any limit the excess is -inf.
 
     Returns:
-        The excess, and the same with excesses over rate and acceleration limits below one taken as
-        shares of the limit.
+        The largest excess, and the largest relative one, for which the excess over a rate or
+        acceleration limit below one is divided by the limit.
     """
     with np.errstate(all="ignore"):
         excess, relative, _ = _excesses(machine, trajectory)
     return float(excess.max()), float(relative.max())
 
 
-def limit_guarantee(machine: Machine, trajectory: Trajectory) -> Guarantee:
-    """Least room that a motion leaves to a joint limit, and to which, in closed form.
+def limit_guarantee(machine: Machine, trajectory: Trajectory) -> tuple[Guarantee, float]:
+    """Least room that a motion leaves to a joint limit, in closed form, and the largest excess.
 
-    An excess that counts as rounding (`LIMIT_TOLERANCE`) is no room, but no excess either.
+    An excess that counts as rounding (`LIMIT_TOLERANCE`) makes a guarantee of zero.
     """
     with np.errstate(all="ignore"):
         excess, relative, times = _excesses(machine, trajectory)
     kind, joint = np.unravel_index(int(np.argmax(relative)), relative.shape)
     room, kept = -float(excess[kind, joint]), bool(relative[kind, joint] <= LIMIT_TOLERANCE)
-    unit = machine.joint_units[joint] + ("", "", "/s", "/s^2")[kind]
-    return Guarantee(
+    unit = _joint_units(machine)[joint] + ("", "", "/s", "/s^2")[kind]
+    guarantee = Guarantee(
         name="joint_limits",
         label=f"{machine.joint_names[joint]} {KINDS[kind]}",
         value=max(room, 0.0) if kept else room,
@@ -88,12 +89,13 @@ def limit_guarantee(machine: Machine, trajectory: Trajectory) -> Guarantee:
         corner="",
         proven=True,
     )
+    return guarantee, float(excess.max())
 
 
 def joints_least_duration(machine: Machine, trajectory: Trajectory) -> float:
     """Least duration of any motion between the trajectory's ends within the joint limits [s].
 
-    Zero if a limit is missing, or if the rates at the ends exceed one.
+    It is zero if a limit is missing, or if a rate at the start or the end exceeds its limit.
     """
     limits, q, v = machine.limits, trajectory.positions, trajectory.velocities
     if not (np.isfinite(limits.velocity).all() and np.isfinite(limits.acceleration).all()):
@@ -109,8 +111,14 @@ def joints_least_duration(machine: Machine, trajectory: Trajectory) -> float:
     )
 
 
+@lru_cache(maxsize=32)
+def _joint_units(machine: Machine) -> tuple[str, ...]:
+    """Units of a machine's joints; cached, because the model is slow to ask for them."""
+    return machine.joint_units
+
+
 def _excesses(machine: Machine, trajectory: Trajectory) -> tuple[Array, Array, Array]:
-    """Largest excess over each limit, its relative form, and when, shape (4, n) in KINDS' order."""
+    """Largest excess over each limit, relative excess, and time, shape (4, n), ordered by KINDS."""
     limits, extremes = machine.limits, _Extremes.of(trajectory)
     values = (
         extremes.positions,
@@ -121,10 +129,13 @@ def _excesses(machine: Machine, trajectory: Trajectory) -> tuple[Array, Array, A
     bounds = np.stack(
         [limits.position_upper, -limits.position_lower, limits.velocity, limits.acceleration]
     )
-    at = np.stack([np.argmax(np.nan_to_num(part, nan=np.inf), axis=0) for part in values])
-    peaks = np.stack([np.nan_to_num(part, nan=np.inf).max(axis=0) for part in values])
+    every = np.stack(values)  # (4, M, n)
+    every[np.isnan(every)] = np.inf
+    at = every.argmax(axis=1)
+    peaks = np.take_along_axis(every, at[:, None], axis=1)[:, 0]
     times = np.take_along_axis(extremes.times, at, axis=0)
-    excess = np.nan_to_num(peaks - bounds, nan=np.inf, posinf=np.inf, neginf=-np.inf)
+    excess = peaks - bounds
+    excess[np.isnan(excess)] = np.inf
     unlimited = np.isnan(bounds) | (bounds == np.inf)
     excess = np.where(unlimited, -np.inf, excess)
     unit = np.ones_like(bounds)
@@ -133,7 +144,7 @@ def _excesses(machine: Machine, trajectory: Trajectory) -> tuple[Array, Array, A
 
 
 def _at(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:
-    """Positions, rates, accelerations at a time of its own per joint and interval, (N, n) each."""
+    """Positions, rates, accelerations at times t (M, N, n) after the starts of the intervals."""
     q, v = trajectory.positions[:-1], trajectory.velocities[:-1]
     a, j = trajectory.accelerations, trajectory.jerks
     position = q + t * v + 0.5 * t**2 * a + t**3 * j / 6.0

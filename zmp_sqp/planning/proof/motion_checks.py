@@ -1,25 +1,25 @@
-"""What a motion has to be before anything can be proven of it."""
+"""Checks of a motion before it is certified, and the reason why it cannot be."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from zmp_sqp.errors import MachineError, ProblemError, TrajectoryError
-from zmp_sqp.mechanics.bounds.effort_bounds import EffortBound
 from zmp_sqp.mechanics.ground import Ground
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.motion.trajectory import Trajectory
+from zmp_sqp.planning.proof.corner_motion import CornerMotion
 
 __all__ = ["check_arguments", "check_drift", "reason_of_doubt"]
 
-# [rad/s or m/s, rad or m] that the nodes may add up to beside what the accelerations give
+# [rad/s or m/s, rad or m] largest total by which nodes may deviate from the integrated motion
 DRIFT = 1e-6
-OPERATIONS = 100.0  # roundings of one unit that add up from node to node, and to spare
+OPERATIONS = 100.0  # rounding errors that add up from node to node, with a factor to spare
 EPSILON = float(np.finfo(float).eps)
 
 
 def check_arguments(machine: Machine, trajectory: Trajectory, ground: Ground) -> None:
-    """Refuse what is no machine, trajectory or ground, and joints that are not the machine's."""
+    """Raise if an argument of `certify` has the wrong type, or other joints than the machine."""
     if not isinstance(machine, Machine):
         raise MachineError(
             f"machine must be a Machine (see load_machine), not {type(machine).__name__}"
@@ -39,9 +39,9 @@ def check_arguments(machine: Machine, trajectory: Trajectory, ground: Ground) ->
 
 
 def check_drift(trajectory: Trajectory) -> None:
-    """Refuse nodes that drift away from what the accelerations produce."""
-    # a rate that creeps up by less than `Trajectory` notices, from each of many nodes to the next,
-    # is an acceleration
+    """Raise TrajectoryError if the nodes drift away from the integrated accelerations."""
+    # `Trajectory` tolerates a small difference at every node; over many nodes these differences
+    # would add up to an acceleration that no bound accounts for
     q, v, _ = trajectory.state_in(np.arange(trajectory.intervals), np.diff(trajectory.times))
     followed = [("velocities", trajectory.velocities, v), ("positions", trajectory.positions, q)]
     if (base := trajectory.base) is not None:
@@ -51,11 +51,9 @@ def check_drift(trajectory: Trajectory) -> None:
             ("base poses", base.poses, pose),
         ]
     for name, values, reached in followed:
-        gaps = values[1:] - reached
         with np.errstate(all="ignore"):
-            drift = float(
-                np.ptp(np.vstack([np.zeros_like(gaps[:1]), np.cumsum(gaps, axis=0)]), axis=0).max()
-            )
+            drifts = np.cumsum(values[1:] - reached, axis=0)
+            drift = float((drifts.max(axis=0).clip(0.0) - drifts.min(axis=0).clip(None, 0.0)).max())
             allowed = DRIFT + OPERATIONS * EPSILON * float(np.abs(values).sum(axis=0).max())
         if not drift <= allowed:
             raise TrajectoryError(
@@ -63,21 +61,27 @@ def check_drift(trajectory: Trajectory) -> None:
             )
 
 
-def reason_of_doubt(trajectory: Trajectory, rounding: EffortBound, *, exhausted: bool) -> str:
-    """Why nothing can be proven of the margin between samples that have one, in words.
+def reason_of_doubt(motion: CornerMotion, *, exhausted: bool) -> str:
+    """Why no margin can be proven although every sample has one, in words.
 
     Args:
-        trajectory: The motion.
-        rounding: How far the wrench may be from what is computed in each interval, shape (N,).
-        exhausted: Whether more samples would have been looked at than there is time for.
+        motion: The motion with its constraints.
+        exhausted: Whether more stretches would have been needed than there is time for.
     """
-    vague = ~(np.isfinite(rounding.force) & np.isfinite(rounding.moment))
-    if vague.any():
-        when = float(trajectory.times[int(np.argmax(vague))])
+    efforts, trajectory = motion.efforts, motion.trajectory
+    if efforts.is_vague.any():
+        first = int(np.argmax(efforts.is_vague))
+        when = float(trajectory.times[efforts.interval[first]])
         base = trajectory.base
         if base is not None and not base.ground.uniform:
-            return f"from {when:.2f} s on it is not known to 1 mm where the base drives; give more nodes, or less turn"
-        return f"from {when:.2f} s on the bounds overflow; the motion is too fast, or its machine too large"
+            return (
+                f"from {when:.2f} s on it is not known to 1 mm where the base drives; "
+                "give more nodes, or less turn"
+            )
+        return (
+            f"from {when:.2f} s on the bounds overflow; "
+            "the motion is too fast, or its machine too large"
+        )
     if exhausted:
         return "the motion is so fast, or so long, that bounds between its samples stay too loose"
     return "between samples, or by rounding, the ground may have to hold the machine down"

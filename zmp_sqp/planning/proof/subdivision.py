@@ -1,4 +1,4 @@
-"""Adaptive subdivision of time: guaranteed least values from values at the ends of stretches."""
+"""Adaptive subdivision of time: guaranteed least values from bounds on stretches of time."""
 
 from __future__ import annotations
 
@@ -14,22 +14,21 @@ Mask = npt.NDArray[np.bool_]
 
 __all__ = ["LeastValue", "StretchValues", "Wanted", "subdivide"]
 
-MOST_PARTS = 16  # into which a stretch is cut whose bound is too loose
-MAX_STATES = 200_000  # stretches looked at before bounds are left as loose as they are
-# more parts than a bound that falls with the square of the length asks for, by this factor
+MOST_PARTS = 16  # largest number of parts into which a stretch is cut at once
+MOST_STRETCHES = 200_000  # stretches evaluated before subdivision ends, which limits time
+# a bound is expected to tighten with the square of the length; this factor is in reserve
 HEADROOM = 1.2
-ROUNDING = 1e-9  # difference of values below which shorter stretches cannot help
+ROUNDING = 1e-9  # difference of values below which shorter stretches do not help
 
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """How well the least of some values has to be known.
+    """How tight the guaranteed least value of a constraint has to be.
 
     Attributes:
-        required: Value that is asked for. A negative one is asked for only where zero is out of
-            reach.
-        resolution: How far the guaranteed least value may fall short of the sampled one.
-        tight_if_kept: Whether that holds even where the required value is proven already.
+        required: Required value. A negative one counts only where zero cannot be proven.
+        resolution: Largest difference between the sampled and the guaranteed least value.
+        tight_if_kept: Whether the resolution counts even if the required value is proven.
     """
 
     required: float
@@ -43,10 +42,10 @@ class StretchValues:
 
     Attributes:
         least: Least value at the two ends.
-        time: When, [s].
-        row: Which row of the constraint.
-        bound: Least value guaranteed inside.
-        reachable: What `bound` tends to as stretches get shorter.
+        time: Time of the least value [s].
+        row: Row of the constraint that has the least value.
+        bound: Guaranteed least value inside.
+        reachable: Limit of `bound` as the stretch gets shorter.
     """
 
     least: Array
@@ -55,40 +54,56 @@ class StretchValues:
     bound: Array
     reachable: Array
 
+    @classmethod
+    def without_limit(cls, count: int) -> StretchValues:
+        """Infinite values of stretches on which a constraint does not count, to be set by `put`."""
+        infinite = np.full((4, count), np.inf)
+        rows = np.zeros(count, dtype=int)
+        return cls(infinite[0], np.zeros(count), rows, infinite[2], infinite[3])
+
+    def put(self, chosen: Mask, part: StretchValues) -> None:
+        """Set the values of some stretches, given by a mask."""
+        for name in ("least", "time", "row", "bound", "reachable"):
+            getattr(self, name)[chosen] = getattr(part, name)
+
 
 @dataclass(slots=True)
 class LeastValue:
     """Least value of one constraint over a whole motion.
 
     Attributes:
-        guaranteed: Holds at all times.
-        sampled: Least value that was found.
-        time: When it was found [s].
-        row: Which row of the constraint it was.
-        exhausted: Whether subdivision ended because it would have taken too many stretches.
+        guaranteed: Value that the constraint has at least, at all times.
+        sampled: Least value at an end of a stretch.
+        time: Time of the sampled value [s].
+        row: Row of the constraint that has the sampled value.
+        interval: Index of the interval of `subdivide` that has the sampled value.
+        exhausted: Whether subdivision ended early because of too many stretches.
     """
 
     guaranteed: float = np.inf
     sampled: float = np.inf
     time: float = 0.0
     row: int = 0
+    interval: int = 0
     exhausted: bool = False
     _best: float = np.inf
 
-    def take(self, found: StretchValues, wanted: Wanted) -> tuple[Mask, Indices]:
-        """Take the values in; which stretches are still too loose, and into how many parts to cut.
+    def take(self, interval: Indices, found: StretchValues, wanted: Wanted) -> tuple[Mask, Indices]:
+        """Update by the values of K stretches, and choose the stretches to cut.
 
         Returns:
-            Shapes (K,) each.
+            Whether the bound of each stretch is too loose, and the number of parts to cut it into,
+            shape (K,) each.
         """
         worst = int(np.argmin(found.least))
         if found.least[worst] < self.sampled:
             self.sampled = float(found.least[worst])
             self.time, self.row = float(found.time[worst]), int(found.row[worst])
+            self.interval = int(interval[worst])
         self._best = min(self._best, float(found.reachable.min()))
         bound, reachable = found.bound, found.reachable
         asked = max(wanted.required, 0.0)
-        # a negative value is asked for only where zero is out of reach
+        # a negative required value counts only where zero cannot be proven
         target = np.where(reachable >= asked, asked, wanted.required)
         undecided = (bound < target) & (reachable >= target)
         tight = wanted.tight_if_kept or self._best < asked
@@ -102,7 +117,7 @@ class LeastValue:
         return loose, np.clip(np.nan_to_num(parts, nan=MOST_PARTS), 2, MOST_PARTS).astype(int)
 
     def keep(self, bounds: Array) -> None:
-        """Take in the bounds of stretches that are not cut any further."""
+        """Update by the bounds of stretches that are not cut any further."""
         self.guaranteed = min(self.guaranteed, float(bounds.min(initial=np.inf)))
 
 
@@ -111,31 +126,35 @@ def subdivide(
     evaluate: Callable[[Indices, Array, Array], Sequence[StretchValues]],
     wanted: Sequence[Wanted],
 ) -> list[LeastValue]:
-    """Least values of several constraints over all intervals, by cutting what is too loose.
+    """Least values of several constraints over N intervals.
+
+    Stretches whose bounds are too loose are cut into parts until all are tight enough.
 
     Args:
-        parts: Into how many stretches each interval is cut at first, shape (N,).
-        evaluate: From stretches, given by their interval, where they start and how long they are
-            (shares of the interval, shape (K,) each), to the values of each constraint.
-        wanted: How well each constraint's least value has to be known.
+        parts: Number of stretches that each interval is cut into at first, shape (N,).
+        evaluate: Function of K stretches that returns the values of each constraint. Its arguments,
+            shape (K,) each, are the interval of each stretch, its start, and its length, the
+            latter two as shares of the interval.
+        wanted: Tightness of each constraint's least value.
 
     Returns:
-        One least value per constraint.
+        Least value of each constraint.
     """
     least = [LeastValue() for _ in wanted]
     interval = np.repeat(np.arange(len(parts)), parts)
-    share = np.concatenate([np.arange(count) / count for count in parts])
+    number = np.arange(len(interval)) - np.repeat(np.cumsum(parts) - parts, parts)
+    share = number / parts[interval]
     length = (1.0 / parts)[interval]
-    states = 0
+    evaluated = 0
     while len(interval):
         found = evaluate(interval, share, length)
-        states += len(interval)
+        evaluated += len(interval)
         loose, cuts = np.zeros(len(interval), dtype=bool), np.zeros(len(interval), dtype=int)
         for value, values, want in zip(least, found, wanted, strict=True):
-            more, count = value.take(values, want)
+            more, count = value.take(interval, values, want)
             loose |= more
             cuts = np.maximum(cuts, np.where(more, count, 0))
-        if states + int(cuts[loose].sum()) > MAX_STATES:
+        if evaluated + int(cuts[loose].sum()) > MOST_STRETCHES:
             loose[:] = False
             for value in least:
                 value.exhausted = True

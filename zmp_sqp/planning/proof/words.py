@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
-from zmp_sqp.planning.constraints.guarantee import Guarantee
+from zmp_sqp.planning.constraints.guarantee import Guarantee, amount_in_words
 from zmp_sqp.planning.proof.base_check import ARRIVAL
 
-__all__ = ["fault_of", "spelled"]
+__all__ = ["broken_own", "fault_of", "limit_fault", "name_in_words"]
 
-LEAST_SHOWN = 5e-3  # [m] lengths below are given in millimetres, where three decimals say little
-
-
-def spelled(length: float) -> str:
-    """A length in metres, or in millimetres where metres would show nothing but zeros."""
-    return f"{length:.3f} m" if length >= LEAST_SHOWN else f"{1e3 * length:.2g} mm"
+TIP_OVER = ("tip_over", "contact")  # names of guarantees whose words need the support polygon
+LIMITS = ("joint_limits", "base")
 
 
 def fault_of(guarantee: Guarantee) -> str:
@@ -27,19 +25,38 @@ def fault_of(guarantee: Guarantee) -> str:
         return ""
     if guarantee.name == "base":
         return _base_fault(guarantee)
-    short, at = f"{guarantee.shortfall:.3g} {guarantee.unit}".strip(), f"{guarantee.time:.2f} s"
+    at = f"{guarantee.time:.2f} s"
     if guarantee.name == "joint_limits":
         joint, _, limit = guarantee.label.partition(" ")
+        short = f"{guarantee.shortfall:.3g} {guarantee.unit}"
         return f"exceeds the {limit} limit of joint {joint!r} by {short} at {at}"
-    what = f"{guarantee.name} ({guarantee.label})"
-    if not np.isfinite(guarantee.value):
-        return f"has no provable bound on {what}: near {at} its value may be anything"
-    seen = "breaks" if guarantee.proven else "breaks (sampled)"
+    what = name_in_words(guarantee)
     corner = f" with {guarantee.corner}" if guarantee.corner else ""
-    return f"{seen} {what} by {short} at {at}{corner}"
+    if not np.isfinite(guarantee.value):
+        return f"may break {what} by any amount: nothing is proven of it near {at}{corner}"
+    short = amount_in_words(guarantee.shortfall, guarantee.unit)
+    return f"breaks {what} by {short} at {at}{corner}"
+
+
+def name_in_words(guarantee: Guarantee) -> str:
+    """Constraint and row, such as "torque_limits (boom torque)"."""
+    return f"{guarantee.name} ({guarantee.label})"
+
+
+def broken_own(guarantees: Iterable[Guarantee]) -> list[Guarantee]:
+    """Guarantees of a problem's own constraints that are not kept."""
+    return [found for found in guarantees if not (found.kept or found.name in TIP_OVER + LIMITS)]
+
+
+def limit_fault(guarantees: Iterable[Guarantee]) -> str:
+    """The first limit that is not kept, one of a joint before one of the base; empty if all are."""
+    broken = [found for found in guarantees if found.name in LIMITS and not found.kept]
+    broken.sort(key=lambda found: found.name != "joint_limits")
+    return next((fault_of(found) for found in broken), "")
 
 
 def _base_fault(guarantee: Guarantee) -> str:
+    """`fault_of` a guarantee of the base."""
     side, _, what = guarantee.label.partition(" ")
     off = guarantee.shortfall
     if guarantee.label.endswith("_bounds"):

@@ -1,4 +1,4 @@
-"""The answer to a problem: a plan, safe or with the reason why there is none."""
+"""Result of planning: a `Plan` with its safe motion, or with the reason why there is none."""
 
 from __future__ import annotations
 
@@ -9,63 +9,82 @@ from zmp_sqp.errors import NotSolved
 from zmp_sqp.motion.trajectory import Trajectory
 from zmp_sqp.planning.problem.problem import Problem
 from zmp_sqp.planning.proof.certificate import Certificate
+from zmp_sqp.planning.search.run import SearchRun
 from zmp_sqp.sqp.result import IterationRecord
 
 __all__ = ["Plan", "Status"]
 
 
 class Status(enum.Enum):
-    """How planning ended; `str()` is a sentence with advice."""
+    """How planning ended; `str()` gives a sentence, with advice where no motion was found."""
 
-    OPTIMAL = "Solved: no faster motion of this kind was found to first order."
-    FASTEST_POSSIBLE = "Solved: no motion within the joint limits can be faster on this grid."
-    SAFE = "Solved: safe, but it may not be the fastest; give more time or another QP solver."
-    INFEASIBLE = (
-        "Not solved: the search ended at a motion that still tips the machine over; "
-        "try a lighter payload, a gentler slope, a smaller margin, or a goal closer to the machine."
+    OPTIMAL = "Solved: to first order, no motion near this one is faster."
+    FASTEST_POSSIBLE = "Solved: no motion within the joint limits is faster by more than 0.03 %."
+    SAFE = (
+        "Solved: the motion is safe, but it may not be the fastest; "
+        "give more time, or try another QP solver."
     )
-    TIME_BUDGET = "Not solved: the time budget ran out first; give more time, or fewer intervals."
-    ITERATION_LIMIT = "Not solved: the iteration limit was reached first; try other intervals or another QP solver."
-    FAILED = "Not solved: the QP solvers gave up; try another qp_solver, or other intervals."
+    INFEASIBLE = (
+        "Not solved: the search ended at a motion that still tips the machine over or breaks "
+        "another constraint; try a lighter payload, a gentler slope, a smaller margin, or a goal "
+        "closer to the machine."
+    )
+    TIME_BUDGET = (
+        "Not solved: the time budget ran out before a safe motion was found; "
+        "give more time, or fewer intervals."
+    )
+    ITERATION_LIMIT = (
+        "Not solved: the iteration limit was reached before a safe motion was found; "
+        "try another number of intervals, or another QP solver."
+    )
+    FAILED = (
+        "Not solved: no QP solver could solve the next QP of the search; "
+        "try another qp_solver, or another number of intervals."
+    )
     JOINT_LIMITS = (
-        "Not solved: the bounds on the lumped mass let a joint exceed its own limits; tighten distance_limits, "
-        "or leave them out."
+        "Not solved: the bounds on the lumped mass let a joint exceed its own limits; "
+        "tighten distance_limits, or leave them out."
     )
     BASE = (
-        "Not solved: the motion that was found breaks a limit of its base or misses the base's goal; "
-        "try another goal, wider bounds, or more intervals."
+        "Not solved: the motion that was found breaks a limit of the base or misses the goal of "
+        "the base; try another goal, wider bounds, or more intervals."
     )
-    TERRAIN = "Not solved: the motion that was found leads where the tracks cannot go; give x_bounds or y_bounds."
+    TERRAIN = (
+        "Not solved: the motion that was found leads over ground that the tracks cannot follow; "
+        "keep the base away from it by x_bounds or y_bounds."
+    )
     UNSAFE_BETWEEN_NODES = (
         "Not solved: the motion is safe at its nodes but not between them; use more intervals."
     )
 
     def __str__(self) -> str:
+        """The sentence."""
         return self.value
 
     @property
     def success(self) -> bool:
-        """Whether there is a safe trajectory."""
+        """Whether a safe motion was found."""
         return self in (Status.OPTIMAL, Status.FASTEST_POSSIBLE, Status.SAFE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """Answer to a problem.
+    """Result of planning.
 
     Attributes:
-        problem: The question.
+        problem: The problem.
         status: How planning ended.
-        message: The status in a sentence; without success, with the constraint that stayed
-            violated, when and by how much.
-        duration: Of the trajectory, or of the last attempt [s].
-        lower_bound: No motion within the joint limits can be faster [s].
-        certificate: What is guaranteed of the last motion for all t, not only at nodes.
-        iterations: QPs solved.
-        solve_time: Wall time of the whole planning [s].
+        message: The status in a sentence; without success, also which constraint is violated, when
+            and by how much.
+        duration: Duration of the last motion that was looked at, safe or not [s].
+        lower_bound: Duration that no motion within the limits of joints and base can undercut [s].
+        certificate: Guarantees for the last motion, at all times and not only at the nodes.
+        iterations: Number of SQP iterations, each with one QP or more.
+        solve_time: Wall time of planning, certification included [s].
         history: One record per SQP iteration.
-        qp_solver: Which QP solver was asked for.
-        attempt: The last motion that was looked at, safe or not; None if there was none.
+        runs: One record per run of the search: guess, grid, QP solver, how it ended.
+        qp_solver: Name of the QP solver that was asked for.
+        attempt: Last motion that was looked at, safe or not; None if there was none.
     """
 
     problem: Problem = field(repr=False)
@@ -79,6 +98,7 @@ class Plan:
     history: tuple[IterationRecord, ...] = field(repr=False)
     qp_solver: str
     attempt: Trajectory | None = field(repr=False)
+    runs: tuple[SearchRun, ...] = field(default=(), repr=False)
 
     @property
     def success(self) -> bool:
@@ -92,10 +112,10 @@ class Plan:
 
     @property
     def trajectory(self) -> Trajectory:
-        """The safe motion.
+        """Safe motion that was found.
 
         Raises:
-            NotSolved: There is none; the message is the diagnosis.
+            NotSolved: No safe motion was found; the message is that of the plan.
         """
         if not self.success or self.attempt is None:
             raise NotSolved(self.message)

@@ -1,4 +1,4 @@
-"""What would be possible instead, where no safe motion was found."""
+"""Payload and slope for which a motion is found, where planning found none."""
 
 from __future__ import annotations
 
@@ -8,32 +8,36 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from zmp_sqp.errors import ProblemError, ZmpSqpError
-from zmp_sqp.mechanics.ground import Slope
+from zmp_sqp.mechanics.ground import Ground, Slope
 from zmp_sqp.planning.problem.problem import Problem
-from zmp_sqp.planning.problem.statics import gentler, largest_share
+from zmp_sqp.planning.problem.statics import gentler, largest_share, tilt_of
 from zmp_sqp.planning.search.answer import Plan, Status
 from zmp_sqp.planning.search.planner import plan
 
 __all__ = ["Diagnosis", "diagnose"]
 
-LEAST_SHARE = 1e-3  # of payload or slope that stands for none
-BITS = 4  # of a share: it is found to 1/16
+LEAST_SHARE = 1e-3  # share of the payload that stands for none, because a payload needs a mass
+HALVINGS = 4  # bisection steps: shares of payload and slope are found to 2^-4, a plan for each
+
+Works = Callable[[Callable[[], Problem], str], bool]
 
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """Why there is no plan, and what would do, for the same start and goal.
+    """Why there is no plan, and for which payload and slope a motion was found instead.
 
     Attributes:
-        message: One or two sentences for the operator.
-        largest_payload: Heaviest payload for which a motion was found [kg]; None if there is none,
-            or no payload.
-        steepest_slope: Tilt of the steepest slope in the same direction for which one was found
-            [rad]; None likewise.
-        time_outside: When the least-violating motion that was found is furthest out [s].
-        outside: By how much its ZMP leaves the polygon less the margin, sampled [m]; negative where
-            only the proof fails, infinite where no motion was looked at.
-        edge: Name of that edge.
+        message: The plan's message, and one sentence about payload and slope.
+        largest_payload: Heaviest payload for which a motion was found [kg]; None if there is no
+            payload, or no motion was found for any.
+        steepest_slope: Tilt of the steepest slope, leaning in the direction of the problem's, on
+            which a motion was found [rad]; None if the ground is no inclined Slope, or no motion
+            was found on any.
+        time_outside: Time at which the ZMP of the least-violating motion is furthest out [s].
+        outside: Distance by which that ZMP violates the margin at sampled times [m]; negative where
+            the samples keep the margin and only the proof fails, infinite where no motion was
+            certified.
+        edge: Name of the edge, as `SupportPolygon.edge_name` gives it.
     """
 
     message: str
@@ -50,72 +54,95 @@ def diagnose(
     time_budget: float | None = 10.0,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Diagnosis:
-    """Look for the payload and the slope that a motion could be found for, by planning again with less of each.
+    """Search for a payload and a slope with which a motion from start to goal is found.
 
-    The last motion that the search looked at is the least-violating one it found (its QPs weigh the
-    violation where they have no solution). That there is none is not proven: what is proven
-    impossible, a start or goal that tips over by itself, is a `ProblemError` of `Problem`.
+    Plans again with less payload, then on gentler slopes, by bisection. The start, the goal and all
+    other arguments of the problem stay.
+
+    That the given problem has no solution is not proven: the last motion of a search is only the
+    least-violating one that was found. What is proven impossible, such as a goal that tips the
+    machine over at rest, raises a ProblemError when the `Problem` is created.
 
     Args:
         found: A plan without success.
-        time_budget: Of each of the at most 12 plans [s]; None for as long as they take.
-        progress: Called with what is looked at next, in words.
+        time_budget: Time budget of each of the at most 12 plans [s]; None for no limit.
+        progress: Called before each plan with a description of the payload or slope.
 
     Raises:
-        ProblemError: The plan has succeeded: there is nothing to diagnose.
+        ProblemError: `found` is no Plan, or it has succeeded.
     """
     if not isinstance(found, Plan):
         raise ProblemError(f"diagnose takes a Plan, not {type(found).__name__}")
     if found.success:
         raise ProblemError("the plan has succeeded: there is nothing to diagnose")
     problem, checked = found.problem, found.certificate
-    if found.status is Status.TERRAIN:  # it is the way that is wrong
+    if found.status is Status.TERRAIN:  # the path is at fault, not payload or slope
         return Diagnosis(found.message, None, None, checked.margin_at, np.inf, "")
 
     def works(changed: Callable[[], Problem], words: str) -> bool:
         progress(words)
         try:
             return plan(changed(), qp_solver=found.qp_solver, time_budget=time_budget).success
-        except ZmpSqpError:  # start or goal tips over at rest, or the contact is lost there
+        except ZmpSqpError:  # the machine tips over or lifts off at rest at the start or the goal
             return False
 
-    machine, ground, parts = problem.machine, problem.ground, []
-    payload = slope = None
-    if machine.payload_mass > 0.0:
-
-        def carries(share: float) -> bool:
-            share = max(share, LEAST_SHARE)
-            words = f"with a payload of {share * machine.payload_mass:.0f} kg"
-            return works(
-                lambda: replace(problem, machine=machine.with_payload_scaled(share)), words
-            )
-
-        share = largest_share(carries, halvings=BITS)
-        if share is not None:
-            payload = max(share, LEAST_SHARE) * machine.payload_mass
-            parts.append(f"the payload could be {np.floor(payload):.0f} kg")
-    if isinstance(ground, Slope) and (ground.roll or ground.pitch):
-
-        def climbs(share: float) -> bool:
-            less = gentler(ground, share)
-            words = f"with roll {np.degrees(less.roll):.1f} and pitch {np.degrees(less.pitch):.1f} degrees"
-            return works(lambda: replace(problem, ground=less), words)
-
-        share = largest_share(climbs, halvings=BITS)
-        if share is not None:
-            slope = float(np.arccos(np.cos(share * ground.roll) * np.cos(share * ground.pitch)))
-            parts.append(f"the slope {np.floor(10.0 * np.degrees(slope)) / 10.0:.1f} degrees")
-    advice = (
-        f" For this goal {', or '.join(parts)}."
-        if parts
-        else " Neither less payload nor less slope would help."
-    )
+    payload, slope = _largest_payload(problem, works), _steepest_slope(problem, works)
     support = problem.machine.support
     return Diagnosis(
-        message=f"{found.message}{advice}",
+        message=f"{found.message}{_advice(problem, payload, slope)}",
         largest_payload=payload,
         steepest_slope=slope,
         time_outside=checked.margin_at,
         outside=problem.margin - checked.sampled,
         edge="" if support is None else support.edge_name(checked.edge),
     )
+
+
+def _largest_payload(problem: Problem, works: Works) -> float | None:
+    """Heaviest payload below the given one for which a motion was found [kg]; None for no such."""
+    machine = problem.machine
+    if machine.payload_mass <= 0.0:
+        return None
+
+    def carries(share: float) -> bool:
+        share = max(share, LEAST_SHARE)
+        words = f"with a payload of {share * machine.payload_mass:.0f} kg"
+        return works(lambda: replace(problem, machine=machine.with_payload_scaled(share)), words)
+
+    share = largest_share(carries, halvings=HALVINGS)
+    return None if share is None else max(share, LEAST_SHARE) * machine.payload_mass
+
+
+def _steepest_slope(problem: Problem, works: Works) -> float | None:
+    """Tilt of the steepest slope on which a motion was found [rad]; None for no such."""
+    ground = problem.ground
+    if not isinstance(ground, Slope) or not _is_inclined(ground):
+        return None
+
+    def climbs(share: float) -> bool:
+        less = gentler(ground, share)
+        roll, pitch = np.degrees([less.roll, less.pitch])
+        words = f"with roll {roll:.1f} and pitch {pitch:.1f} degrees"
+        return works(lambda: replace(problem, ground=less), words)
+
+    share = largest_share(climbs, halvings=HALVINGS)
+    return None if share is None else tilt_of(gentler(ground, share))
+
+
+def _is_inclined(ground: Ground) -> bool:
+    """Whether the ground is a slope that a gentler one can replace."""
+    return isinstance(ground, Slope) and bool(ground.roll or ground.pitch)
+
+
+def _advice(problem: Problem, payload: float | None, slope: float | None) -> str:
+    """Sentence to append: payload [kg] and slope [rad] with which a motion was found, or none."""
+    parts = []
+    if payload is not None:
+        parts.append(f"the payload could be {np.floor(payload):.0f} kg")
+    if slope is not None:
+        parts.append(f"the slope could be {np.floor(10.0 * np.degrees(slope)) / 10.0:.1f} degrees")
+    if parts:
+        return f" For this goal {', or '.join(parts)}."
+    tried = ["with less payload"] if problem.machine.payload_mass > 0.0 else []
+    tried += ["on a gentler slope"] if _is_inclined(problem.ground) else []
+    return f" No motion was found {' or '.join(tried)} either." if tried else ""

@@ -8,14 +8,14 @@ import numpy as np
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.planning.program.grid import ENDS, Grid
-from zmp_sqp.planning.program.staged import POINTS, StagedProgram
+from zmp_sqp.planning.program.staged import POINTS, Motion, StagedProgram
 from zmp_sqp.planning.search.keep_bound import at_the_bound
 from zmp_sqp.planning.search.run import Candidate, Runs
 from zmp_sqp.planning.search.task import Task
-from zmp_sqp.sqp.result import SQPStatus
+from zmp_sqp.sqp.result import SQPResult, SQPStatus
 from zmp_sqp.sqp.solver import SQPSettings
 
-__all__ = ["RESUMED", "explore", "transferred"]
+__all__ = ["RESUMED", "explore", "on_finer_grid", "transferred"]
 
 # Guesses: how much slower than the bound, and whether smooth. From the first one 48 of 52 hard
 # problems end within 0.05 % of the best of all; the others are for failures.
@@ -24,6 +24,8 @@ LEAST_COARSE = 4  # intervals of a coarse grid
 # On the coarse grid the search ends early.
 COARSE = SQPSettings(converged=1e-3, coarse=1e-2, excess_from=0.0)
 RESUMED = SQPSettings(resumed=True)
+SLOW = 5.0  # times the bound: a pace at which dynamics hardly move the zero moment point
+LESS = 0.95  # of the violation: a slow motion that violates less than this is looked into
 ENOUGH = (SQPStatus.BOUND_REACHED, SQPStatus.OPTIMAL, SQPStatus.FEASIBLE)
 
 
@@ -38,7 +40,8 @@ def explore(task: Task, runs: Runs) -> Candidate:
         last = tried[-1].result.status
         if last in ENOUGH or last is SQPStatus.INFEASIBLE or runs.is_late:
             break
-    return min(tried, key=_rank)
+    best = min(tried, key=_rank)
+    return best if best.is_feasible or runs.is_late else _slower(task, runs, best)
 
 
 def _rank(candidate: Candidate) -> tuple[bool, float]:
@@ -49,24 +52,34 @@ def _rank(candidate: Candidate) -> tuple[bool, float]:
 
 def _coarse_to_fine(task: Task, runs: Runs, pace: float, *, smooth: bool) -> Candidate:
     """SQP on half of the intervals, then on all of them."""
-    intervals = task.problem.intervals
+    intervals, refines = task.problem.first_intervals, task.problem.refines
     grids = [Grid.of(intervals)]
     if intervals >= 2 * LEAST_COARSE:
         grids.insert(0, Grid.of(intervals // 2))
     controls, duration = task.guess(pace * task.least, grids[0].size, smooth=smooth)
     program = task.program(duration, grids[0])
-    settings = COARSE if len(grids) > 1 else SQPSettings()
-    found = runs.minimize(program, program.pack(controls, duration**2), settings)
+    settings = COARSE if len(grids) > 1 and not refines else SQPSettings()
+    shape = "cubic" if smooth else "bang-coast-bang"
+    purpose = f"guess: {shape} at {pace:g} times the bound"
+    point = program.pack(controls, duration**2)
+    found = runs.minimize(program, point, settings, purpose=purpose)
     if len(grids) == 1 or runs.is_late:
         return found
-    fine = task.program(duration, grids[1])
+    return on_finer_grid(task, runs, found, grids[1])
+
+
+def on_finer_grid(task: Task, runs: Runs, found: Candidate, grid: Grid) -> Candidate:
+    """SQP on a finer grid, from where it ended on a coarser one."""
+    fine = task.program(found.program.reference, grid)
     point, y, z = transferred(found, fine)
-    if found.result.status is SQPStatus.INFEASIBLE:  # the finer grid has the last word
-        return runs.minimize(fine, point, SQPSettings())
-    return runs.minimize(fine, point, RESUMED, y=y, z=z)
+    purpose, status = "from the coarser grid", found.result.status
+    if status is SQPStatus.INFEASIBLE:  # the finer grid has the last word
+        return runs.minimize(fine, point, SQPSettings(), purpose=purpose)
+    finer = runs.minimize(fine, point, RESUMED, y=y, z=z, purpose=purpose)
+    return replace(finer, coarser=found.duration if status.is_feasible else None)
 
 
-def transferred(found: Candidate, fine: StagedProgram) -> tuple[object, Array, Array]:
+def transferred(found: Candidate, fine: StagedProgram) -> tuple[Motion, Array, Array]:
     """The motion and the multipliers of a candidate on a finer grid.
 
     Multipliers of rows of an interval are shared among the intervals that it is cut into, in
@@ -89,9 +102,21 @@ def transferred(found: Candidate, fine: StagedProgram) -> tuple[object, Array, A
     return point, np.asarray(y), z
 
 
-def slower(task: Task, runs: Runs, pace: float) -> Candidate:
-    """SQP from a smooth guess, with a duration of at least `pace` times the bound."""
-    grid = Grid.of(task.problem.intervals)
-    controls, duration = task.guess(pace * task.least, grid.size, smooth=True)
-    program = task.program(duration, grid, least=pace * task.least)
-    return runs.minimize(program, program.pack(controls, duration**2), replace(SQPSettings()))
+def _slower(task: Task, runs: Runs, best: Candidate) -> Candidate:
+    """The least-violating of a motion without success and of far slower ones.
+
+    A search that fails ends where its steps no longer help, at a pace that may add to what even a
+    motion at rest would violate. The message is to tell of the latter.
+    """
+    duration, grid = SLOW * task.least, Grid.of(task.problem.first_intervals)
+    controls, duration = task.guess(duration, grid.size, smooth=True)
+    program = task.program(duration, grid, least=duration)
+    point = program.pack(controls, duration**2)
+    at = program.evaluate(point)
+    nothing = np.zeros(program.equalities), np.zeros(program.inequalities)
+    slow = Candidate(program, SQPResult(point, *nothing, None, SQPStatus.INFEASIBLE, at, ()))
+    if not _rank(slow) < (True, LESS * _rank(best)[1]):
+        return best
+    purpose = f"guess: cubic at {SLOW:g} times the bound or slower"
+    found = runs.minimize(program, point, SQPSettings(), purpose=purpose)
+    return min(best, slow, found, key=_rank)

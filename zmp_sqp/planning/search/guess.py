@@ -1,4 +1,4 @@
-"""Initial guess of the SQP: a motion within the joint limits, slow enough that the ZMP is not far out."""
+"""Initial guess of the SQP: within the joint limits, and so slow that the ZMP is not far out."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ import numpy as np
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.motion.double_integrator import grid_profile
-from zmp_sqp.planning.program.rows import BoundConstraints
+from zmp_sqp.planning.program.grid import Grid
 from zmp_sqp.planning.program.limits import Boundary, PathBounds
+from zmp_sqp.planning.program.rows import BoundConstraints
 
-__all__ = ["initial_guess"]
+__all__ = ["initial_guess", "swung_aside"]
 
 SLOWER = 1.5  # factor between trials
 TRIALS = 24  # 1.5^24 is a factor of 17 000
@@ -72,7 +73,7 @@ def initial_guess(
 
 
 def _cubic(start: Boundary, goal: Boundary, duration: float, intervals: int) -> Array:
-    """Accelerations of the cubic through both boundary states, averaged over the intervals and made to arrive."""
+    """Mean accelerations of the cubic through both boundary states, changed so that it arrives."""
     D, w0, w1 = goal.q - start.q, start.v * duration, goal.v * duration
     s = (np.arange(intervals)[:, None] + 0.5) / intervals
     alpha = (6.0 * D - 4.0 * w0 - 2.0 * w1) + s * (6.0 * (w0 + w1) - 12.0 * D)
@@ -106,3 +107,38 @@ def _worst(
             route[1] - route[0]
         )
     return constraints.outside(q[:-1], w[:-1], alpha, duration**2, places)
+
+
+def swung_aside(
+    across: float, duration: float, bounds: PathBounds, grid: Grid
+) -> tuple[Array, float]:
+    r"""What takes a unicycle sideways: there and back again, at two different headings.
+
+    .. math:: \lambda = \tfrac{A}{2} (1 - \cos 2 \pi s), \quad
+              \psi = B (\sin 2 \pi s - \tfrac12 \sin 4 \pi s), \quad
+              \int \lambda' \psi \, ds = \tfrac{\pi}{2} A B
+
+    Without it a goal straight to the side would be out of reach to first order.
+
+    Args:
+        across: Distance to the left of the heading [m].
+        duration: Of the motion that this is added to [s].
+        bounds: Limits; path length and yaw are the last two coordinates.
+        grid: Of normalised time.
+
+    Returns:
+        Accelerations T^2 a of path length and yaw at both ends of the intervals, shape (N, 2, 2),
+        and the duration T at which they and their rates are within the limits [s].
+    """
+    A = np.sqrt(2.0 * abs(across) / np.pi)
+    B = np.copysign(A, across)
+    s = 2.0 * np.pi * np.stack([grid.nodes[:-1], grid.nodes[1:]], axis=1)
+    ahead = 2.0 * np.pi**2 * A * np.cos(s)
+    yaw = 4.0 * np.pi**2 * B * (2.0 * np.sin(2.0 * s) - np.sin(s))
+    controls = np.stack([ahead, yaw], axis=-1)
+    most = np.abs(controls).max(axis=(0, 1))
+    rates = np.array([np.pi * A, 4.0 * np.pi * A])  # at most
+    needed = np.concatenate(
+        [np.sqrt(most / bounds.acceleration[-2:]), rates / bounds.velocity[-2:]]
+    )
+    return controls, max(duration, float(needed.max()))

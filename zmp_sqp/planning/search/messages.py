@@ -1,73 +1,109 @@
-"""How planning ended, in words."""
+"""Messages that say how planning ended and, without success, what is wrong with the last motion."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from zmp_sqp.arrays import length_text
 from zmp_sqp.planning.problem.problem import Problem
+from zmp_sqp.planning.problem.zmp_words import zmp_position
 from zmp_sqp.planning.proof.certificate import Certificate
-from zmp_sqp.planning.proof.words import spelled
+from zmp_sqp.planning.proof.words import broken_own, fault_of, limit_fault, name_in_words
 from zmp_sqp.planning.search.answer import Status
 
-__all__ = ["failure_message", "spelled"]
+__all__ = ["failure_message"]
 
 
 def failure_message(
     problem: Problem, status: Status, checked: Certificate, obstacle: str = ""
 ) -> str:
-    """The status in a sentence; without success, which constraint stayed violated, when and by how much.
+    """Message of a plan: its status and, without success, each violated constraint.
+
+    With success, the message names constraints that are sampled only.
 
     Args:
-        problem: The question.
+        problem: The problem.
         status: How planning ended.
-        checked: Of the last motion.
-        obstacle: What kept that motion from being looked at.
+        checked: Certificate of the last motion.
+        obstacle: Why the last motion could not be certified; empty if it could.
+
+    Returns:
+        One or more sentences; for a violated constraint, when it is violated and by how much.
     """
     if obstacle:
         return f"{status} The last motion looked at: {obstacle}."
-    if status.success or problem.machine.support is None:
+    if status.success:
+        return f"{status}{_sampled_only(checked)}"
+    if problem.machine.support is None:
         return str(status)
-    said = [str(status)]
-    if checked.fault:
-        missed = np.isinf(checked.limit_excess)
-        said.append(
-            f"The last motion looked at {checked.fault}{_sideways(problem) if missed else ''}."
-        )
+    said = [_ending(problem, status, checked)]
+    said += [f"The last motion looked at {words}." for words in _faults(problem, checked)]
     if checked.margin < problem.margin:
-        said.append(_zmp(problem, checked))
+        said.append(_zmp_sentence(problem, checked))
     return " ".join(said)
 
 
-def _zmp(problem: Problem, checked: Certificate) -> str:
-    """Where, when and by how much the ZMP is not where it should be."""
-    support = problem.machine.support
-    edge = "" if support is None else support.edge_name(checked.edge)
-    extreme = f" with {checked.corner}" if checked.corner else ""
-    if not np.isfinite(checked.sampled):
-        return f"At {checked.margin_at:.2f} s the machine would lift off the ground{extreme}."
-    kept = f" less the margin of {problem.margin:.3g} m" if problem.margin else ""
-    if not np.isfinite(checked.margin):
-        return f"No margin can be proven of the last motion looked at{extreme}{checked.doubt and ': '}{checked.doubt}."
-    leaves = "would leave" if checked.sampled < problem.margin else "may leave"
-    short = spelled(problem.margin - checked.margin)
+def _ending(problem: Problem, status: Status, checked: Certificate) -> str:
+    """Status; where tip-over is not the problem, the names of the constraints that are violated."""
+    own = broken_own(checked.guarantees)
+    if status is not Status.INFEASIBLE or not own or checked.margin < problem.margin:
+        return str(status)
+    names = " and ".join(found.name for found in own)
     return (
-        f"At {checked.margin_at:.2f} s the ZMP {leaves} the {edge} edge{kept} by {short}{extreme}."
+        f"Not solved: the search ended at a motion that still breaks {names}; try a looser limit, "
+        "a lighter payload, or another start or goal."
     )
+
+
+def _faults(problem: Problem, checked: Certificate) -> list[str]:
+    """What is wrong beside tip-over, in words that follow "the motion".
+
+    All violated constraints of the problem, and the first violated limit of joints or base.
+    """
+    words = [fault_of(found) for found in broken_own(checked.guarantees)]
+    if limit := limit_fault(checked.guarantees):
+        missed = np.isinf(checked.limit_excess)  # the base misses its goal
+        words.append(f"{limit}{_sideways(problem) if missed else ''}")
+    return words
+
+
+def _sampled_only(checked: Certificate) -> str:
+    """Constraints that are not proven between samples, as a sentence; empty if all are."""
+    names = [name_in_words(found) for found in checked.guarantees if not found.proven]
+    if not names:
+        return ""
+    return f" Sampled only, 2000 times a second, not proven: {', '.join(names)}."
+
+
+def _zmp_sentence(problem: Problem, checked: Certificate) -> str:
+    """Sentence that says when the ZMP violates the margin of the problem, and by how much."""
+    support = problem.machine.support
+    extreme = f" with {checked.corner}" if checked.corner else ""
+    at = f"At {checked.margin_at:.2f} s"
+    if support is None or not np.isfinite(checked.sampled):
+        return f"{at} the machine would lift off the ground{extreme}."
+    if not np.isfinite(checked.margin):
+        doubt = f": {checked.doubt}" if checked.doubt else ""
+        return f"No margin can be proven for the last motion looked at{extreme}{doubt}."
+    position = zmp_position(
+        support,
+        checked.edge,
+        distance=checked.margin,
+        margin=problem.margin,
+        modal="would" if checked.sampled < problem.margin else "may",
+    )
+    return f"{at} the ZMP {position}{extreme}."
 
 
 def _sideways(problem: Problem) -> str:
-    """Why a base does not get to a goal beside it, and what would help; empty if the goal does not lie there."""
+    """Why a base misses a goal to its side, with advice; empty if the goal is not there."""
     base = problem.base
     if base is None:
         return ""
-    step, heading = base.goal[:2] - base.start[:2], 0.5 * (base.start[2] + base.goal[2])
-    ahead, across = (
-        step @ [np.cos(heading), np.sin(heading)],
-        step @ [-np.sin(heading), np.cos(heading)],
-    )
+    ahead, across = base.offset
     if abs(across) <= abs(ahead):
         return ""
     return (
-        f"; the goal lies {spelled(abs(float(across)))} across the heading, and tracks do not slip sideways: plan by "
-        "way of a pose ahead or behind, or turn towards the goal first"
+        f"; the goal lies {length_text(abs(across))} to the side of the heading, and tracks do not "
+        "slip sideways: plan by way of a pose ahead or behind, or turn towards the goal first"
     )

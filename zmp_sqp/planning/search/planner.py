@@ -12,6 +12,7 @@ from zmp_sqp.motion.trajectory import Trajectory
 from zmp_sqp.planning.problem.problem import Problem
 from zmp_sqp.planning.proof.certificate import certify_for
 from zmp_sqp.planning.search.answer import Plan, Status
+from zmp_sqp.planning.search.blind import certified_blind_motion
 from zmp_sqp.planning.search.explore import explore
 from zmp_sqp.planning.search.messages import failure_message
 from zmp_sqp.planning.search.prove import Proven, prove
@@ -32,21 +33,21 @@ def plan(
     *,
     progress: Callable[[IterationRecord], None] | None = None,
 ) -> Plan:
-    r"""Fastest safe motion, by SQP on the multiple-shooting transcription in normalised time.
+    r"""Fastest safe motion, by SQP on a multiple-shooting program in normalised time.
 
     .. math:: \min T \quad \text{s.t. ZMP in the polygon, joint limits}
               \qquad \text{(Song \& Sharf 2020, eq. (19))}
 
-    First with one acceleration per interval (`explore`); where the ZMP then costs time, again with
-    accelerations that run linearly within the intervals, so that the ZMP can follow an edge
-    (`refine`). The result is certified for all t; where a constraint fails between the nodes, it is
-    tightened by what is missing and the program is solved again (`prove`).
+    The motion that knows only the joint limits is the answer where it is safe. Otherwise the
+    fastest motion with accelerations that are linear within the intervals is searched for, on half
+    of the intervals and then on all of them (`explore`), and on more where the problem leaves their
+    number to the planner (`refine`). The result is certified for all t; where a constraint fails
+    between the nodes, it is tightened by what is missing and the program is solved again (`prove`).
 
     Args:
         problem: The question.
-        qp_solver: "proxqp", "piqp" (sparse; for many intervals), or "qpsolvers:NAME". Beyond 800
-            accelerations (intervals times joints) "proxqp" gives way to "piqp", which takes seconds
-            where dense QPs take minutes.
+        qp_solver: "auto" (ProxQP or PIQP, by the size of the QP), "proxqp", "piqp", or
+            "qpsolvers:NAME".
         time_budget: No new QP starts after this long [s]; one that has begun is brought to its end.
             None for as long as it takes.
         progress: Called after every iteration with its record.
@@ -62,6 +63,9 @@ def plan(
     task = task_of(problem)
     if task.lower_bound == 0.0:
         proven = _already_there(problem)
+    elif (blind := certified_blind_motion(task)) is not None:
+        motion, checked = blind
+        proven = Proven(Status.FASTEST_POSSIBLE, checked, motion, motion.duration)
     else:
         found = explore(task, runs)
         refined = refine(task, found, runs)
@@ -72,9 +76,10 @@ def plan(
 def _check(problem: Problem, time_budget: float | None) -> None:
     if not isinstance(problem, Problem):
         raise ProblemError(f"problem must be a Problem, not {type(problem).__name__}")
-    if time_budget is not None:
-        if finite_number(time_budget, name="time_budget", error=ProblemError) <= 0.0:
-            raise ProblemError(f"time_budget must be positive, not {time_budget} s")
+    if time_budget is not None and (
+        finite_number(time_budget, name="time_budget", error=ProblemError) <= 0.0
+    ):
+        raise ProblemError(f"time_budget must be positive, not {time_budget} s")
 
 
 def _already_there(problem: Problem) -> Proven:
@@ -102,6 +107,7 @@ def _answer(
         iterations=len(runs.history),
         solve_time=runs.elapsed,
         history=tuple(runs.history),
+        runs=tuple(runs.runs),
         qp_solver=qp_solver,
         attempt=proven.attempt,
     )

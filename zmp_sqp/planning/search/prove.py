@@ -16,6 +16,7 @@ from zmp_sqp.planning.proof.boundary_states import meets_boundary_states
 from zmp_sqp.planning.proof.certificate import Certificate, certify_for
 from zmp_sqp.planning.search.answer import Status
 from zmp_sqp.planning.search.explore import RESUMED
+from zmp_sqp.planning.search.keep_bound import ABOVE
 from zmp_sqp.planning.search.run import Candidate, Runs
 from zmp_sqp.planning.search.task import Task, Tightening
 from zmp_sqp.sqp.result import SQPStatus
@@ -23,6 +24,7 @@ from zmp_sqp.sqp.result import SQPStatus
 __all__ = ["Proven", "prove"]
 
 MAX_TIGHTENINGS = 6
+HARDLY = 1.001 * ABOVE  # what is not slower than the bound by more is called fastest possible
 OVERSHOOT = 1.5  # by which a constraint is tightened, per shortfall of its guarantee
 OUTCOMES = {
     SQPStatus.OPTIMAL: Status.OPTIMAL,
@@ -64,7 +66,8 @@ def prove(task: Task, candidate: Candidate, runs: Runs) -> Proven:
             checked = certify_for(problem, motion)
         except (ProblemError, TrajectoryError) as cause:
             # off the map, or where the tracks cannot follow
-            if not isinstance(problem.undercarriage, Driving) or problem.undercarriage.terrain.uniform:
+            base = problem.undercarriage
+            if not isinstance(base, Driving) or base.terrain.uniform:
                 raise
             nothing = Certificate.of_nothing(problem.margin)
             return Proven(Status.TERRAIN, nothing, None, candidate.duration, str(cause))
@@ -89,6 +92,8 @@ def _verdict(task: Task, candidate: Candidate, motion: Trajectory, checked: Cert
     UNSAFE_BETWEEN_NODES where tighter constraints may mend it.
     """
     status = OUTCOMES.get(candidate.result.status, Status.FAILED)
+    if status is Status.FASTEST_POSSIBLE and motion.duration > task.lower_bound * (1.0 + HARDLY):
+        status = Status.OPTIMAL
     if checked.safe and meets_boundary_states(task.problem, motion):
         return status if status.success else Status.SAFE  # the proof does not ask how it was found
     if not status.success:
@@ -123,15 +128,12 @@ def _tightened(tightening: Tightening, checked: Certificate) -> Tightening:
     return tightening
 
 
-def _solve_again(
-    task: Task, candidate: Candidate, tightening: Tightening, runs: Runs
-) -> Candidate:
+def _solve_again(task: Task, candidate: Candidate, tightening: Tightening, runs: Runs) -> Candidate:
     """The point of the tighter program, from the last one on."""
     program = task.program(
         candidate.program.reference,
         candidate.program.grid,
         tightening=tightening,
-        corners=candidate.corners,
     )
     result = candidate.result
     return runs.minimize(
@@ -141,5 +143,5 @@ def _solve_again(
         y=result.y,
         z=result.z,
         excess=result.excess,
-        corners=candidate.corners,
+        purpose="tightened",
     )

@@ -15,9 +15,28 @@ from zmp_sqp.sqp.backends.deadline import Punctual
 from zmp_sqp.sqp.result import IterationRecord, SQPResult
 from zmp_sqp.sqp.solver import SQP, SQPSettings
 
-__all__ = ["MAX_ITERATIONS", "Candidate", "Runs"]
+__all__ = ["Candidate", "Runs", "SearchRun"]
 
-MAX_ITERATIONS = 60
+
+@dataclass(frozen=True, slots=True)
+class SearchRun:
+    """One run of the search, as a plan tells of it.
+
+    Attributes:
+        purpose: What it was for, in words, such as the guess it started from.
+        intervals: Number of intervals of its grid.
+        backend: QP solvers that solved its QPs, separated by commas.
+        iterations: Number of its iterations.
+        status: Why it ended, as a name of `SQPStatus` in lower case.
+        duration: Of its last point [s].
+    """
+
+    purpose: str
+    intervals: int
+    backend: str
+    iterations: int
+    status: str
+    duration: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,12 +46,12 @@ class Candidate:
     Attributes:
         program: The nonlinear program.
         result: How the run ended.
-        corners: Corners of payload and slope that took part; None for all.
+        coarser: Least duration that was found on half as many intervals [s]; None if unknown.
     """
 
     program: StagedProgram
     result: SQPResult
-    corners: tuple[int, ...] | None = None
+    coarser: float | None = None
 
     @property
     def is_feasible(self) -> bool:
@@ -72,6 +91,7 @@ class Runs:
         deadline: When it must end; None for as long as it takes.
         progress: Called after every iteration with its record.
         history: Records of all iterations so far.
+        runs: One record per run so far.
     """
 
     backend: QPBackend
@@ -80,6 +100,7 @@ class Runs:
     deadline: float | None
     progress: Callable[[IterationRecord], None] | None = None
     history: list[IterationRecord] = field(default_factory=list)
+    runs: list[SearchRun] = field(default_factory=list)
 
     @classmethod
     def start(
@@ -115,17 +136,26 @@ class Runs:
         y: Array | None = None,
         z: Array | None = None,
         excess: Array | None = None,
-        corners: tuple[int, ...] | None = None,
+        purpose: str = "",
     ) -> Candidate:
-        """Run the SQP from a motion, with multipliers if there are any."""
+        """Run the SQP from a motion, with multipliers if there are any; `purpose` is recorded."""
         settings = replace(settings, deadline=self.deadline)
         sqp = SQP(self.backend, self.fallback, settings, self.progress)
         result = sqp.minimize(program, point, y=y, z=z, excess=excess)
         self.history.extend(result.history)
-        return Candidate(program, result, corners)
+        found = Candidate(program, result)
+        self.record(purpose, found)
+        return found
 
     def note(self, record: IterationRecord) -> None:
         """Take in the record of an iteration that was no SQP step."""
         self.history.append(record)
         if self.progress is not None:
             self.progress(record)
+
+    def record(self, purpose: str, found: Candidate) -> None:
+        """Take in a run that has ended, for the plan to tell of."""
+        steps = found.result.history
+        backends = ", ".join(dict.fromkeys(step.backend for step in steps))
+        size, status = found.program.grid.size, found.result.status.name.lower()
+        self.runs.append(SearchRun(purpose, size, backends, len(steps), status, found.duration))

@@ -1,4 +1,4 @@
-"""One BLAS thread while small matrices are at work: more threads only get in each other's way."""
+"""Limit of BLAS to one thread during planning, whose matrices are too small for more."""
 
 from __future__ import annotations
 
@@ -13,20 +13,23 @@ from threadpoolctl import ThreadpoolController
 __all__ = ["one_blas_thread"]
 
 _lock = threading.Lock()
-_inside: list[Any] = []  # who is inside; the first one's limiter stands at the front
+# one entry per call that is inside `one_blas_thread`: first the limiter, which sets and lifts the
+# limit, then None for every other call
+_inside: list[Any] = []
 
 
 @lru_cache(maxsize=1)
 def _controller() -> ThreadpoolController:
-    return ThreadpoolController()  # looks through the loaded libraries, once
+    return ThreadpoolController()  # cached: it searches all loaded libraries, which is slow
 
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Limit BLAS to one thread; the first to enter sets the limit, the last to leave lifts it.
+    """Context, and decorator, in which BLAS uses one thread.
 
-    On two cores a plan takes half as long again with two BLAS threads as with one, and its bits
-    would depend on how many there are.
+    Python threads may be inside at the same time: the first to enter sets the limit, the last to
+    leave lifts it. On two cores a plan with two BLAS threads takes 1.5 times as long as with one,
+    and its last digits would depend on the number of threads.
     """
     with _lock:
         _inside.append(_controller().limit(limits=1, user_api="blas") if not _inside else None)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -20,10 +20,10 @@ from zmp_sqp.planning.program.formulation import (
     path_bounds,
 )
 from zmp_sqp.planning.program.grid import Grid
-from zmp_sqp.planning.program.limits import Boundary, PathBounds
+from zmp_sqp.planning.program.limits import Boundary, PathBounds, PositionBound
 from zmp_sqp.planning.program.rows import BoundConstraints, StageRows
 from zmp_sqp.planning.program.staged import StagedProgram
-from zmp_sqp.planning.search.guess import initial_guess
+from zmp_sqp.planning.search.guess import initial_guess, swung_aside
 
 __all__ = ["Task", "Tightening", "task_of"]
 
@@ -59,7 +59,6 @@ class Task:
         bounds: Limits of the coordinates.
         constraints: The path constraints, bound to the machine at every corner.
         lower_bound: No motion within the limits of joints and base is shorter [s].
-        grid_bound: Nor one with an acceleration per interval of the grid; 0 if unknown [s].
     """
 
     problem: Problem
@@ -68,12 +67,15 @@ class Task:
     bounds: PathBounds
     constraints: BoundConstraints
     lower_bound: float
-    grid_bound: float
 
     @property
     def least(self) -> float:
         """Least duration with an acceleration per interval, from rest to rest [s]."""
-        return max(self.lower_bound, self.grid_bound)
+        return max(self.lower_bound, self.bound_on(self.problem.first_intervals))
+
+    def bound_on(self, intervals: int) -> float:
+        """Least duration with an acceleration per interval; 0 from or to motion [s]."""
+        return grid_bound(self.start, self.goal, self.bounds, intervals)
 
     def program(
         self,
@@ -82,7 +84,6 @@ class Task:
         *,
         least: float | None = None,
         tightening: Tightening | None = None,
-        corners: Sequence[int] | None = None,
     ) -> StagedProgram:
         """The nonlinear program.
 
@@ -91,15 +92,13 @@ class Task:
             grid: Of normalised time.
             least: Lower bound that is put on the duration [s]; None for the proven one.
             tightening: How far inside the constraints it keeps; None not at all.
-            corners: Corners of payload and slope that take part; None for all.
         """
         drawn_in = tightening or Tightening()
         constraints = self.constraints.tightened(drawn_in.constraints)
-        if corners is not None:
-            constraints = constraints.at(corners)
         duration = self.lower_bound if least is None else least
         undercarriage = self.problem.undercarriage
-        drive, position_limits = None, ()
+        drive: Positions | None = None
+        position_limits: tuple[PositionBound, ...] = ()
         if isinstance(undercarriage, Driving):
             drive = Positions(undercarriage.base, undercarriage.terrain)
             support = self.problem.machine.support
@@ -137,7 +136,15 @@ class Task:
             smooth=smooth,
             route=self.problem.undercarriage.route,
         )
-        return np.repeat(alpha[:, None], 2, axis=1), found
+        controls = np.repeat(alpha[:, None], 2, axis=1)
+        undercarriage = self.problem.undercarriage
+        if isinstance(undercarriage, Driving):
+            ahead, across = undercarriage.base.offset
+            if abs(across) > abs(ahead):
+                grid = Grid.of(intervals)
+                aside, found = swung_aside(across, found, self.bounds, grid)
+                controls[..., -2:] += aside
+        return controls, found
 
     @cached_property
     def worst_corner(self) -> int:
@@ -148,10 +155,7 @@ class Task:
         q = self.start.q + share * (self.goal.q - self.start.q)
         route = self.problem.undercarriage.route
         places = None if route is None else route[0] + share * (route[1] - route[0])
-        outside = [
-            self.constraints.at([i]).outside(q, 0.0 * q, 0.0 * q, 1.0, places)
-            for i in range(len(self.constraints.corners))
-        ]
+        outside = self.constraints.outside_by_corner(q, 0.0 * q, 0.0 * q, 1.0, places)
         return int(np.argmax(outside))
 
 
@@ -170,5 +174,4 @@ def task_of(problem: Problem) -> Task:
             goal_velocity=problem.goal_velocity,
         ),
     )
-    on_grid = grid_bound(start, goal, bounds, problem.intervals)
-    return Task(problem, start, goal, bounds, bound_constraints(problem), lower_bound, on_grid)
+    return Task(problem, start, goal, bounds, bound_constraints(problem), lower_bound)

@@ -11,8 +11,8 @@ from zmp_sqp.mechanics.ground import Terrain
 
 __all__ = ["HEADING", "Displacements", "runge_kutta"]
 
-# what an interval's displacement depends on: yaw at start, middle and end, then the rate of the path
-# length there
+# what an interval's displacement depends on: yaw at start, middle and end, then the rate of the
+# path length there
 HEADING = 6
 # the classical rule, Hairer, Norsett & Wanner 1993, II.1
 WHOLE = (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0)
@@ -52,6 +52,8 @@ def runge_kutta(
         rate: w, derivative of the path length by normalised time there, shape (3, N) [m].
         steps: Lengths of the intervals, shape (N,).
     """
+    if terrain.uniform:
+        return _simpson(terrain, yaw, rate, steps)
     count = len(positions)
     h = steps[:, None]
     low, high = terrain.extent
@@ -73,4 +75,27 @@ def runge_kutta(
         half += to_half * h * velocity
         whole_jacobian += to_whole * h[..., None] * jacobian
         half_jacobian += to_half * h[..., None] * jacobian
+    return Displacements(whole, half, whole_jacobian, half_jacobian)
+
+
+def _simpson(terrain: Terrain, yaw: Array, rate: Array, steps: Array) -> Displacements:
+    """The Runge-Kutta step where G does not depend on the position."""
+    count = yaw.shape[1]
+    pose = np.zeros((3 * count, 3))
+    pose[:, 2] = yaw.ravel()
+    rates = np.zeros((3 * count, 2))
+    rates[:, 0] = rate.ravel()
+    found = terrain.ground_rates(pose, rates)
+    velocity = found.rates.reshape(3, count, 2)
+    by_heading = found.jacobian[:, :, 2:4].reshape(3, count, 2, 2)  # by yaw and by rate
+    parts = []
+    for weights in (WHOLE, HALF):
+        of_point = np.array([weights[0], weights[1] + weights[2], weights[3]])
+        share = of_point[:, None] * steps  # (3, N)
+        jacobian = np.zeros((count, 2, 2 + HEADING))
+        scaled = share[..., None, None] * by_heading
+        jacobian[:, :, 2:5] = scaled[..., 0].transpose(1, 2, 0)
+        jacobian[:, :, 5:] = scaled[..., 1].transpose(1, 2, 0)
+        parts.append((np.einsum("sk,skc->kc", share, velocity), jacobian))
+    (whole, whole_jacobian), (half, half_jacobian) = parts
     return Displacements(whole, half, whole_jacobian, half_jacobian)

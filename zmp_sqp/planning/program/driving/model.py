@@ -21,7 +21,9 @@ PLACE, YAW, RATES, PUSHES, SCALE = slice(0, 2), slice(2, 3), slice(3, 5), slice(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DrivingModel:
-    r"""Arm and unicycle base, in coordinates y = (joints, way along the heading, yaw), at places p on the ground.
+    r"""Arm and unicycle base at places p on the ground.
+
+    Coordinates are y = (joints, path length along the heading, yaw).
 
     In normalised time s = t/T, with w = y', alpha = y'', S = T^2, twist and spatial acceleration of
     the root are those of `Terrain.base_motion`; in a plane :math:`(w_\lambda, 0, 0, 0, 0, w_\psi)`
@@ -39,6 +41,9 @@ class DrivingModel:
     machine: Machine
     terrain: Terrain
     joint_efforts: bool = False
+
+    # the root frame moves, so that the wrench in its axes is not the rate of momentum there
+    has_momentum_rate = False
 
     @property
     def size(self) -> int:
@@ -108,7 +113,7 @@ class DrivingModel:
     def _root(
         self, q: Array, w: Array, alpha: Array, S: float, places: Array | None
     ) -> GroundMotion:
-        """Motion of the root; beyond the map's rim that of the place on the rim, with no slope outwards."""
+        """Motion of the root; beyond the map's rim as on the rim, with no slope outwards."""
         pose = np.column_stack([np.zeros((len(q), 2)) if places is None else places, q[:, -1]])
         low, high = self.terrain.extent
         inside = np.clip(pose[:, :2], low, high)

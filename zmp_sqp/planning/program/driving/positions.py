@@ -34,8 +34,8 @@ class Positions:
 
     .. math:: p_{k+1} = p_k + \Delta(p_k, \psi, w_\lambda), \quad p_0 = start, \; p_N = goal
 
-    with one Runge-Kutta step of p' = w_lambda G(p, psi) per interval. The path length is free at the
-    goal; the position is not.
+    with one Runge-Kutta step of p' = w_lambda G(p, psi) per interval. The path length is free at
+    the goal; the position is not.
 
     Attributes:
         base: Start and goal.
@@ -56,30 +56,30 @@ class Positions:
         yaw = np.stack([q[:-1, -1], middle_q[:, -1], q[1:, -1]])
         return yaw, np.stack([w[:-1, -2], middle_w[:, -2], w[1:, -2]])
 
-    def positions(self, grid: Grid, q: Array, w: Array, controls: Array) -> Array:
-        """Positions of the nodes, shape (N + 1, 2), by Newton's method on all gaps at once."""
+    def path(self, grid: Grid, q: Array, w: Array, controls: Array) -> tuple[Array, Displacements]:
+        """Positions of the nodes (N + 1, 2), by Newton's method on all gaps at once; displacements."""
         yaw, rate = self.heading(grid, q, w, controls)
         p = np.repeat(self.base.start[None, :2], grid.size + 1, axis=0)
+        moves = runge_kutta(self.terrain, p[:-1], yaw, rate, grid.steps)
         for _ in range(PASSES):
-            moves = runge_kutta(self.terrain, p[:-1], yaw, rate, grid.steps)
             change = propagated(moves, moves.whole - np.diff(p, axis=0))
             p = p + change
-            if self.terrain.uniform or np.abs(change).max() <= SETTLED * (1.0 + np.abs(p).max()):
+            if self.terrain.uniform:
                 break
-        return np.asarray(p)
+            moves = runge_kutta(self.terrain, p[:-1], yaw, rate, grid.steps)
+            if np.abs(change).max() <= SETTLED * (1.0 + np.abs(p).max()):
+                break
+        return np.asarray(p), moves
+
+    def positions(self, grid: Grid, q: Array, w: Array, controls: Array) -> Array:
+        """Positions of the nodes, shape (N + 1, 2)."""
+        return self.path(grid, q, w, controls)[0]
 
     def displacements(
         self, grid: Grid, p: Array, q: Array, w: Array, controls: Array
     ) -> Displacements:
         """Displacements within the intervals, from positions p at the nodes."""
         return runge_kutta(self.terrain, p[:-1], *self.heading(grid, q, w, controls), grid.steps)
-
-    def heading_map(self, stages: Stages) -> Array:
-        """`HEADING` by scaled stage variables (x_k, u_k, sigma), shape (K, 6, m)."""
-        n, order = stages.n, (stages.at_start, stages.at_middle, stages.at_end)
-        yaw = [part[:, n - 1] for part in order]
-        rate = [part[:, 2 * n - 2] for part in order]
-        return np.stack([*yaw, *rate], axis=1)
 
     def end_derivatives(self, stages: Stages, moves: Displacements) -> Array:
         """Position at each interval's end by its mapped stage's variables, shape (N, 2, m)."""
@@ -102,8 +102,25 @@ class Positions:
         parts[1][:] += end @ self.end_derivatives(stages, moves)
         parts[2][:] += middle @ self._derivatives(stages, moves.half_jacobian)
 
+    def with_positions(
+        self, stages: Stages, moves: Displacements, maps: tuple[Array, Array, Array]
+    ) -> tuple[Array, Array, Array]:
+        """Maps to states at start, end and middle with those to positions, (N, 3n + 3, m) each."""
+        N = len(moves.whole)
+        at_start = np.zeros((N, 2, stages.m))
+        at_start[:, :, stages.places] = STATE * np.eye(2)
+        end, middle = (
+            self._derivatives(stages, part) for part in (moves.whole_jacobian, moves.half_jacobian)
+        )
+        by_state = (np.broadcast_to(part, (N, *part.shape[1:])) for part in maps)
+        start, end, middle = (
+            np.concatenate(pair, axis=1)
+            for pair in zip(by_state, (at_start, end, middle), strict=True)
+        )
+        return start, end, middle
+
     def _derivatives(self, stages: Stages, jacobian: Array) -> Array:
-        found = jacobian[:, :, 2:] @ (self.heading_map(stages) @ stages.hermite)
+        found = jacobian[:, :, 2:] @ stages.mapped_heading
         found[:, :, stages.places] += STATE * (jacobian[:, :, :2] + np.eye(2))
         return np.asarray(found)
 
@@ -137,7 +154,7 @@ class Positions:
         point = np.arange(3)
         of_heading[:, point, point] = (-rate * along).T
         of_heading[:, point, point + 3] = of_heading[:, point + 3, point] = across.T
-        to_heading = self.heading_map(stages)
+        to_heading = stages.heading
         return np.asarray(to_heading.transpose(0, 2, 1) @ of_heading @ to_heading)
 
     def arrived(self, grid: Grid, start: Array, w: Array, controls: Array, aim: Array) -> Array:
@@ -153,16 +170,15 @@ class Positions:
             aim: Where the path shall end, shape (2,) [m].
         """
         found, before = controls.copy(), np.inf
-        by_controls = _rates_by_controls(grid)
+        by_controls = grid.rates_by_controls
         for _ in range(ARRIVALS):
             q, rates = grid.rolled(start, w, found)
-            p = self.positions(grid, q, rates, found)
+            p, moves = self.path(grid, q, rates, found)
             miss = aim - p[-1]
             far = float(np.abs(miss).max())
             if far <= ARRIVED or far > 0.5 * before:  # what is left lies sideways
                 break
             before = far
-            moves = self.displacements(grid, p, q, rates, found)
             pushed = np.einsum("kas,skc->kac", moves.whole_jacobian[:, :, 5:], by_controls)
             reach = propagated(moves, pushed)[-1]
             wanted = np.append(miss, 0.0)  # the rate at the goal stays
@@ -182,15 +198,6 @@ def propagated(moves: Displacements, added: Array) -> Array:
     for jacobian, part in zip(by_position, added, strict=True):
         changes.append(changes[-1] + jacobian @ changes[-1] + part)
     return np.stack(changes)
-
-
-def _rates_by_controls(grid: Grid) -> Array:
-    """Rates at starts, middles and ends of the intervals by unit accelerations, (3, N, 2N)."""
-    N = grid.size
-    unit = np.eye(2 * N).reshape(2 * N, N, 2).transpose(1, 2, 0)  # (N, 2, 2N)
-    q, w = grid.rolled(np.zeros(2 * N), np.zeros(2 * N), unit)
-    middle = grid.within(0.5, q[:-1], w[:-1], unit)[1]
-    return np.stack([w[:-1], middle, w[1:]])
 
 
 def position_bounds(

@@ -1,0 +1,207 @@
+"""The road of the search: half of the intervals first, screened rows, excess between points."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.problems.arm import HARD, random_problem
+from benchmarks.problems.terrain import random_drive_problem
+from tests.checks import symmetric
+from zmp_sqp.planning.program.grid import ENDS, Grid
+from zmp_sqp.planning.program.staged import POINTS
+from zmp_sqp.planning.search import explore as explore_module
+from zmp_sqp.planning.search.explore import explore, transferred
+from zmp_sqp.planning.search.run import Candidate, Runs
+from zmp_sqp.planning.search.task import Task, task_of
+from zmp_sqp.sqp.backends import make_backend
+from zmp_sqp.sqp.direction import DUST, MISSED, Direction, Subproblem
+from zmp_sqp.sqp.qp import QP
+from zmp_sqp.sqp.result import SQPResult, SQPStatus
+from zmp_sqp.sqp.solver import SQP, SQPSettings
+
+ACTIVE = [4, 5, 25, 35, 211, 219, 238, 1000, 1029]  # seeds of hard problems: the ZMP costs time
+SAME = 5e-5  # relative, of durations: the change at which a run ends
+LEFT = 2e-4  # relative: what a run that creeps leaves, at most, on these problems
+SETTLED = 1e-7  # relative change at which a run ends that is to be compared
+# of the Lagrangian's gradient there: changes of the duration are of second order in it
+STATIONARY = 1e-3
+COMPLEMENTARY = 1e-6
+NEGLIGIBLE = 1e-6  # violation of rows in a quadratic program
+NEAR = 1e-2  # violation of a point near feasibility
+
+
+def searched(task: Task) -> tuple[Candidate, Runs]:
+    runs = Runs.start("auto", None, None)
+    return explore(task, runs), runs
+
+
+def settled(found: Candidate, runs: Runs) -> SQPResult:
+    """The run of a candidate, gone on with until nothing changes."""
+    result = found.result
+    settings = SQPSettings(resumed=True, converged=SETTLED)
+    return SQP(runs.backend, None, settings).minimize(
+        found.program, result.point, y=result.y, z=result.z, excess=result.excess
+    )
+
+
+def duration_of(found: Candidate, result: SQPResult) -> float:
+    return float(np.sqrt(result.point.sigma) * found.program.reference)
+
+
+# --- coarse to fine -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", ACTIVE)
+def test_the_search_from_coarse_to_fine_settles_where_one_on_the_fine_grid_settles(
+    seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    task = task_of(random_problem(seed, HARD).problem)
+    found, runs = searched(task)
+    assert found.is_feasible
+    monkeypatch.setattr(explore_module, "LEAST_COARSE", 10**6)
+    alone, runs_alone = searched(task)
+    assert alone.is_feasible
+    assert found.program.grid.size == alone.program.grid.size == task.problem.intervals
+    ends = duration_of(found, settled(found, runs))
+    ends_alone = duration_of(alone, settled(alone, runs_alone))
+    assert ends <= (1.0 + SAME) * ends_alone
+    assert ends <= found.duration * (1.0 + 1e-6) <= (1.0 + LEFT) * ends
+
+
+def coarse_candidate(task: Task, intervals: int) -> Candidate:
+    """Where a search on a coarse grid ends."""
+    coarse = task_of(replace(task.problem, intervals=intervals))
+    return searched(coarse)[0]
+
+
+@pytest.mark.parametrize("fine", [50, 75])
+def test_the_motion_and_the_sums_of_multipliers_stay_on_a_nested_grid(fine: int) -> None:
+    task = task_of(random_problem(5, HARD).problem)
+    found = coarse_candidate(task, 25)
+    program = task.program(found.program.reference, Grid.of(fine))
+    point, y, z = transferred(found, program)
+    assert len(y) == 0
+    coarse, n = found.program, found.program.n
+    q, w, _, S = program.unpack(point)
+    coarse_q, coarse_w, _, coarse_S = coarse.unpack(found.motion)
+    factor = fine // 25
+    np.testing.assert_allclose(q[::factor], coarse_q, atol=1e-10)
+    np.testing.assert_allclose(w[::factor], coarse_w, atol=1e-9)
+    assert pytest.approx(coarse_S, rel=1e-12) == S
+    count, sides = coarse.nonlinear, 2 * ENDS * n
+    before = found.result.z[:count].reshape(25, POINTS, -1).sum(axis=0)
+    after = z[: program.nonlinear].reshape(fine, POINTS, -1).sum(axis=0)
+    np.testing.assert_allclose(after, before, atol=1e-12)
+    controls = found.result.z[count : count + sides * 25].reshape(2, 25, -1).sum(axis=1)
+    moved = z[program.nonlinear : program.nonlinear + sides * fine]
+    np.testing.assert_allclose(moved.reshape(2, fine, -1).sum(axis=1), controls, atol=1e-12)
+
+
+def test_prices_of_positions_are_those_of_the_coarse_intervals() -> None:
+    """Positions at nodes have one price on any grid: nothing is shared."""
+    task = task_of(replace(random_drive_problem(0, over_terrain=False), intervals=10))
+    found, _ = searched(task)
+    y = np.arange(20.0)
+    priced = Candidate(found.program, replace(found.result, y=y))
+    fine = task.program(found.program.reference, Grid.of(20))
+    _, prices, _ = transferred(priced, fine)
+    np.testing.assert_array_equal(prices.reshape(20, 2), np.repeat(y.reshape(10, 2), 2, axis=0))
+
+
+# --- screening ----------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def steps(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Subproblem, Direction]]:
+    """Quadratic programs that were solved without relaxation, with their steps."""
+    recorded: list[tuple[Subproblem, Direction]] = []
+    solve = Subproblem.solve
+
+    def recording(subproblem: Subproblem, **options: Any) -> Direction | None:
+        direction = solve(subproblem, **options)
+        if direction is not None:
+            recorded.append((subproblem, direction))
+        return direction
+
+    monkeypatch.setattr(Subproblem, "solve", recording)
+    return recorded
+
+
+@pytest.mark.parametrize("seed", ACTIVE)
+def test_a_screened_step_misses_no_row_of_the_whole_program(
+    seed: int, steps: list[tuple[Subproblem, Direction]]
+) -> None:
+    """Far from feasibility a step may miss rows by much; the merit function is told so."""
+    found, runs = searched(task_of(random_problem(seed, HARD).problem))
+    assert found.is_feasible
+    settled(found, runs)
+    near = []
+    for subproblem, direction in steps:
+        lin = subproblem.lin
+        predicted = lin.C @ direction.step + lin.at.inequalities
+        np.testing.assert_allclose(predicted, direction.predicted, atol=1e-12)
+        assert (direction.z[~subproblem.keep] == 0.0).all()
+        if lin.at.violation < NEAR:
+            missed = max(DUST, MISSED * lin.at.violation)
+            assert predicted[~subproblem.keep].max(initial=-1.0) <= missed
+            near.append(subproblem.keep.mean())
+    assert len(near) >= 2
+    assert np.mean(near) < 0.5
+
+
+@pytest.mark.parametrize("seed", ACTIVE[:4])
+def test_a_screened_program_has_the_minimum_of_the_whole_one(
+    seed: int, steps: list[tuple[Subproblem, Direction]]
+) -> None:
+    """With the convex Hessian, so that there is one minimum, and near the optimum, where nothing
+    may be missed."""
+    found, runs = searched(task_of(random_problem(seed, HARD).problem))
+    settled(found, runs)
+    backends, compared = (make_backend("auto"),), 0
+    for recorded, direction in tuple(steps):
+        lin = recorded.lin
+        if len(lin.gradient) != found.program.size or MISSED * lin.at.violation > NEGLIGIBLE:
+            continue
+        H = found.program.hessian(lin, direction.y, direction.z, clipped=1.0, damping=0.0)
+        screened = Subproblem(lin, H, recorded.keep, backends, 1e-8).solve(iterations=100)
+        assert screened is not None
+        program = whole_program(lin, H)
+        whole = backends[0].solve(program, tolerance=1e-8, iterations=100)
+        assert max(whole.residuals(program)) < 10.0 * NEGLIGIBLE
+
+        def value(step: np.ndarray, lin: Any = lin, H: Any = H) -> float:
+            return float(0.5 * step @ (symmetric(H) @ step) + lin.gradient @ step)
+
+        assert value(screened.step) == pytest.approx(value(whole.x), abs=10.0 * NEGLIGIBLE)
+        compared += 1
+    assert compared > 0
+
+
+def whole_program(lin: Any, H: Any) -> QP:
+    at = lin.at
+    return QP(H, lin.gradient, lin.A, -at.equalities, lin.C.matrix, -at.inequalities)
+
+
+# --- answers ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", ACTIVE)
+def test_an_answer_satisfies_the_optimality_conditions_of_the_whole_program(seed: int) -> None:
+    """Those of Karush, Kuhn and Tucker, with all rows and no quadratic program in between."""
+    found, runs = searched(task_of(random_problem(seed, HARD).problem))
+    assert found.result.status is SQPStatus.OPTIMAL
+    program, result = found.program, settled(found, runs)
+    lin = program.linearize(result.point)
+    values = lin.at.inequalities.copy()
+    if result.excess is not None:
+        values[: program.nonlinear] += result.excess
+    assert (values <= program.tolerance).all()
+    assert (result.z >= 0.0).all()
+    assert result.z.sum() > 1.0  # rows hold the duration up
+    gradient = lin.gradient + lin.C.matrix.T @ result.z
+    np.testing.assert_allclose(gradient, 0.0, atol=STATIONARY)
+    np.testing.assert_allclose(result.z * values, 0.0, atol=COMPLEMENTARY)

@@ -1,0 +1,57 @@
+"""The code in docs runs, and what docs name is there."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from tests.test_packaging import LAYERS, LEAVES
+
+ROOT = Path(__file__).resolve().parents[1]
+DOCS = sorted((ROOT / "docs").glob("*.md"))
+ARCHITECTURE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+BLOCKS = re.compile(r"^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
+
+
+@pytest.mark.parametrize("path", DOCS, ids=lambda path: path.name)
+def test_every_python_block_runs(path: Path) -> None:
+    names: dict[str, object] = {"__name__": "__main__"}
+    text = path.read_text(encoding="utf-8")
+    for found in BLOCKS.finditer(text):
+        above = text.count("\n", 0, found.start(1))  # so that a traceback names the page's line
+        code = "\n" * above + found.group(1)
+        exec(compile(code, str(path), "exec", dont_inherit=True), names)
+
+
+def test_the_page_on_architecture_has_code() -> None:
+    assert len(BLOCKS.findall(ARCHITECTURE)) >= 4
+
+
+@pytest.mark.parametrize("path", DOCS, ids=lambda path: path.name)
+def test_every_file_that_docs_name_is_there(path: Path) -> None:
+    links = re.findall(r"\]\(([^)#]+)\)", path.read_text(encoding="utf-8"))
+    missing = [
+        link for link in links if not link.startswith("http") and not (path.parent / link).exists()
+    ]
+    assert not missing
+
+
+def test_the_page_on_architecture_has_a_row_for_every_wing() -> None:
+    rows = "".join(line for line in ARCHITECTURE.splitlines() if line.startswith("| `"))
+    wings = [name.removeprefix("zmp_sqp.") for name in (*LAYERS, *LEAVES)]
+    assert not [wing for wing in wings if f"`{wing}`" not in rows]
+
+
+def test_only_the_registry_imports_the_torque_limits() -> None:
+    """What the page says of its diff: one file, and one line that names it."""
+    importing = [
+        path.relative_to(ROOT / "zmp_sqp").as_posix()
+        for path in (ROOT / "zmp_sqp").rglob("*.py")
+        if re.search(r"^\s*(from|import) .*constraints\.torque\b", path.read_text(), re.MULTILINE)
+    ]
+    assert importing == ["planning/constraints/registry.py"]
+    registry = (ROOT / "zmp_sqp" / "planning" / "constraints" / "registry.py").read_text()
+    line = next(line for line in registry.splitlines() if "TorqueLimits" in line)
+    assert f"+{line}" in ARCHITECTURE

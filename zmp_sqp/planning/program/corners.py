@@ -1,0 +1,371 @@
+"""Efforts of one machine at many corners of payload and slope, from few inverse dynamics."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import scipy.linalg
+
+from zmp_sqp.arrays import Array, Indices
+from zmp_sqp.mechanics.ground import Slope
+from zmp_sqp.mechanics.wrench import WRENCH
+from zmp_sqp.planning.constraints.protocol import StageModel
+from zmp_sqp.planning.program.driving.model import DrivingModel
+from zmp_sqp.planning.program.model import ArmModel
+
+__all__ = ["CornerEfforts", "CornerModels"]
+
+RANK = 1e-9  # relative: smaller pivots are rounding
+DROPPED = 1e-12  # of order one: smaller weights are rounding
+
+
+@dataclass(frozen=True, eq=False)
+class CornerModels:
+    r"""V models of one machine, whose efforts are sums of those of B of them.
+
+    Inverse dynamics is linear in the inertial parameters \pi of the bodies (Atkeson, An &
+    Hollerbach 1986). Where the parameters of all corners are affine combinations of those of a few,
+    so are efforts, their derivatives and their changes, exactly:
+
+    .. math:: \pi_v = \sum_b C_{vb} \pi_b, \; \sum_b C_{vb} = 1 \quad \Rightarrow \quad
+              e_v = \sum_b C_{vb} e_b
+
+    Two masses of a payload with its centre at the eight corners of a box have eight independent
+    parameters. Gravity differs by \delta_v from that of the B models. In the wrench it adds the
+    weight of the mass m_v at its centre c_v:
+
+    .. math:: f_v = \dots - S m_v \delta_v, \quad \tau_v = \dots - S\, m_v c_v \times \delta_v
+
+    The derivatives of m_v c_v by the joints are those of the force by their accelerations. Joint
+    efforts have no such form; with them the B models are chosen for \pi and gravity together, in
+    whose products efforts are bilinear, and \delta_v is zero.
+
+    Attributes:
+        models: At all corners, V of them.
+        basis: B models.
+        weights: C, shape (V, B).
+        tilts: Gravity of each corner less that of the basis, in the root frame, of a machine that
+            drives at yaw zero; shape (V, 3) [m/s^2].
+        masses: Of the machine at each corner, shape (V,) [kg].
+    """
+
+    models: tuple[StageModel, ...]
+    basis: tuple[StageModel, ...]
+    weights: Array
+    tilts: Array
+    masses: Array
+
+    @classmethod
+    def of(cls, models: Sequence[StageModel]) -> CornerModels:
+        """Choose the basis; where the models are not those of one machine, it is all of them."""
+        masses = _of_machines(models)[:, :, 0].sum(axis=1)
+        gravity = _gravities(models)
+        if gravity is None or not _alike(models):
+            one = np.eye(len(models))
+            return cls(tuple(models), tuple(models), one, np.zeros((len(models), 3)), masses)
+        parameters = _varying(_of_machines(models).reshape(len(models), -1))
+        tilts = gravity - gravity[0]
+        if any(model.joint_efforts for model in models):  # type: ignore[attr-defined]
+            both = np.einsum("vi,vj->vij", parameters, _varying(gravity))
+            chosen, weights = _basis(both.reshape(len(models), -1))
+            basis, tilts = [models[b] for b in chosen], np.zeros_like(tilts)
+        else:
+            chosen, weights = _basis(parameters)
+            basis = [_on_ground_of(models[b], models[0]) for b in chosen]
+        return cls(tuple(models), tuple(basis), weights, tilts, masses)
+
+    def efforts(
+        self, q: Array, w: Array, alpha: Array, S: float, positions: Array | None = None
+    ) -> Array:
+        """S times the efforts at all corners, shape (V, K, R); arguments as of `StageModel`."""
+        of_basis = np.stack([model.efforts(q, w, alpha, S, positions) for model in self.basis])
+        found = _combined(self.weights, of_basis)
+        if self.tilts.any():
+            tilts = self.tilts_at(q)
+            found[:, :, :3] -= S * self.masses[:, None, None] * tilts
+            found[:, :, 3:WRENCH] -= S * _cross(self.mass_moments(q), tilts)
+        return found
+
+    def linearize(
+        self, q: Array, w: Array, alpha: Array, S: float, positions: Array | None = None
+    ) -> CornerEfforts:
+        """Efforts with their derivatives; arguments as of `StageModel`."""
+        found = [model.effort_derivatives(q, w, alpha, S, positions) for model in self.basis]
+        jacobian = np.stack([part for _, part in found], axis=1)  # (K, B, R, s)
+        efforts = _combined(self.weights, np.stack([part for part, _ in found]))
+        moments, tilts = None, None
+        if self.tilts.any():
+            moments, tilts = self.mass_moments(q), self.tilts_at(q)
+            efforts[:, :, :3] -= S * self.masses[:, None, None] * tilts
+            efforts[:, :, 3:WRENCH] -= S * _cross(moments, tilts)
+        return CornerEfforts(self, S, efforts, jacobian, moments, tilts)
+
+    @property
+    def size(self) -> int:
+        """Number n of coordinates."""
+        return self.basis[0].size
+
+    @property
+    def drives(self) -> bool:
+        """Whether gravity turns with the last coordinate, the yaw."""
+        return isinstance(self.basis[0], DrivingModel)
+
+    @property
+    def arm(self) -> int:
+        """Number of coordinates that move joints."""
+        return self.basis[0].coordinates.size
+
+    def tilts_at(self, q: Array) -> Array:
+        """`tilts` in the root frame at K states, shape (V, K, 3) or (V, 1, 3)."""
+        tilts = self.tilts[:, None]
+        if not self.drives:
+            return tilts
+        cos, sin = np.cos(q[:, -1]), np.sin(q[:, -1])
+        x, y, z = tilts[:, :, 0], tilts[:, :, 1], tilts[:, :, 2]
+        return np.stack(np.broadcast_arrays(cos * x + sin * y, cos * y - sin * x, z), axis=2)
+
+    def mass_moments(self, q: Array) -> Array:
+        """Mass times centre of mass in the root frame, shape (V, K, 3) [kg m].
+
+        From one forward kinematics per state: m c = sum of m_i p_i + R_i h_i over the bodies i.
+        """
+        machine = self.models[0].machine
+        model, data = machine.model, machine.model.createData()
+        joints, masses, moments = self._differences
+        first = np.empty((len(q), 3))
+        place = np.empty((len(joints), len(q), 3))
+        turn = np.empty((len(joints), len(q), 3, 3))
+        coordinates = self.models[0].coordinates
+        for k, one in enumerate(machine.configuration(coordinates.joints(q[:, : self.arm]))):
+            first[k] = pin.centerOfMass(model, data, one)
+            for i, joint in enumerate(joints.tolist()):
+                place[i, k] = data.oMi[joint].translation
+                turn[i, k] = data.oMi[joint].rotation
+        found = np.repeat(machine.mass * first[None], len(self.models), axis=0)
+        for i in range(len(joints)):
+            found += masses[:, i, None, None] * place[i]
+            found += np.einsum("kij,vj->vki", turn[i], moments[:, i])
+        return found
+
+    @cached_property
+    def _differences(self) -> tuple[Indices, Array, Array]:
+        """By how much bodies differ from the first corner's.
+
+        Returns:
+            Their joints (J,), masses (V, J) and first moments (V, J, 3).
+        """
+        parameters = _of_machines(self.models)[:, :, :4]
+        change = parameters - parameters[0]
+        joints = np.flatnonzero(change.any(axis=(0, 2)))
+        return joints + 1, change[:, joints, 0], change[:, joints, 1:]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CornerEfforts:
+    """Efforts at K states and all corners, with derivatives of as many rows as are asked for.
+
+    Attributes:
+        corners: The models.
+        S: Squared duration [s^2].
+        efforts: S times the efforts, shape (V, K, R).
+        jacobian: Of the basis by (q, w, alpha, S [, positions]), shape (K, B, R, 3n + 1 [+ 2]).
+        moments: Mass times centre of mass, shape (V, K, 3); None where gravity is the same.
+        tilts: Of gravity, shape (V, K, 3) or (V, 1, 3); None likewise.
+    """
+
+    corners: CornerModels
+    S: float
+    efforts: Array
+    jacobian: Array
+    moments: Array | None
+    tilts: Array | None
+
+    def derivatives(self, corner: Indices, state: Indices, rows: Array) -> Array:
+        """Derivatives of L rows by (q, w, alpha, S [, positions]), shape (L, 3n + 1 [+ 2]).
+
+        Args:
+            corner, state: Of each row, shape (L,).
+            rows: Factors of the R efforts, shape (L, R).
+        """
+        weights = self.corners.weights[corner]
+        found = _products(self.jacobian, state, weights, rows)
+        if self.tilts is None or self.moments is None:
+            return found
+        n, arm = self.corners.size, self.corners.arm
+        tilt = self.tilts[corner, state if self.corners.drives else 0]
+        mass, moment = self.corners.masses[corner], self.moments[corner, state]
+        force, about = rows[:, :3], rows[:, 3:WRENCH]
+        lever = _cross(tilt, about)  # about . (moment x tilt) = moment . lever
+        by_joints = _products(self._by_acceleration, state, weights, lever)
+        found[:, :arm] -= self.S * by_joints
+        found[:, 3 * n] -= mass * _dot(force, tilt) + _dot(moment, lever)
+        if self.corners.drives:
+            turned = _turned(tilt)
+            by_yaw = mass * _dot(force, turned) + _dot(moment, _cross(turned, about))
+            found[:, n - 1] -= self.S * by_yaw
+        return found
+
+    @property
+    def _by_acceleration(self) -> Array:
+        """Of the basis' forces by the joints' accelerations, (K, B, 3, arm): those of m c by q."""
+        n = self.corners.size
+        return self.jacobian[:, :, :3, 2 * n : 2 * n + self.corners.arm]
+
+    def change(self, step: Array) -> Array:
+        """Change of the efforts to first order, shape (V, K, R).
+
+        Args:
+            step: Of (q, w, alpha, S [, positions]), shape (K, 3n + 1 [+ 2]).
+        """
+        corners = self.corners
+        found = _combined(corners.weights, _times(self.jacobian, step))
+        if self.tilts is None or self.moments is None:
+            return found
+        n, arm = corners.size, corners.arm
+        moved = _times(self._by_acceleration, step[:, :arm])
+        by_S = step[:, 3 * n, None]
+        tilt = self.tilts
+        change = by_S * tilt
+        if corners.drives:
+            change = change + self.S * step[:, n - 1, None] * _turned(tilt)
+        found[:, :, :3] -= corners.masses[:, None, None] * change
+        found[:, :, 3:WRENCH] -= _cross(self.moments, change)
+        found[:, :, 3:WRENCH] -= self.S * _cross(_combined(corners.weights, moved), tilt)
+        return found
+
+
+def _products(jacobian: Array, state: Indices, weights: Array, rows: Array) -> Array:
+    """Rows times the Jacobians of their corners and states, shape (L, s).
+
+    The products of each state are one product of matrices.
+
+    Args:
+        jacobian: Of the basis, shape (K, B, R, s).
+        state: Shape (L,).
+        weights: Shape (L, B).
+        rows: Shape (L, R).
+    """
+    K, B, R, width = jacobian.shape
+    factors = (weights[:, :, None] * rows[:, None, :]).reshape(len(rows), B * R)
+    counts = np.bincount(state, minlength=K)
+    place = np.empty(len(state), dtype=np.intp)
+    place[np.argsort(state, kind="stable")] = np.arange(len(state)) - np.repeat(
+        np.cumsum(counts) - counts, counts
+    )
+    stacked = np.zeros((K, int(counts.max(initial=0)), B * R))
+    stacked[state, place] = factors
+    products = stacked @ jacobian.reshape(K, B * R, width)
+    return np.asarray(products[state, place])
+
+
+def _times(jacobian: Array, step: Array) -> Array:
+    """Jacobians (K, B, R, s) times steps (K, s), shape (B, K, R)."""
+    K, B, R, width = jacobian.shape
+    found = jacobian.reshape(K, B * R, width) @ step[:, :, None]
+    return np.ascontiguousarray(found.reshape(K, B, R).transpose(1, 0, 2))
+
+
+def _combined(weights: Array, of_basis: Array) -> Array:
+    """Sums over the basis, shape (V, ...)."""
+    found = weights @ of_basis.reshape(len(of_basis), -1)
+    return np.asarray(found.reshape(len(weights), *of_basis.shape[1:]))
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """`np.cross` of vectors along the last axis, several times as fast."""
+    found = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        found[..., i] = a[..., j] * b[..., k] - a[..., k] * b[..., j]
+    return found
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.asarray(np.einsum("li,li->l", a, b))
+
+
+def _turned(tilt: Array) -> Array:
+    """Derivative by the yaw of a vector that is constant in the plane, in the root frame."""
+    return np.stack([tilt[..., 1], -tilt[..., 0], np.zeros_like(tilt[..., 0])], axis=-1)
+
+
+def _of_machines(models: Sequence[StageModel]) -> Array:
+    """Inertial parameters of the body of each joint: mass, first and second moments, (V, J, 10)."""
+    found: dict[int, Array] = {}
+    for machine in (model.machine for model in models):
+        if id(machine) not in found:
+            inertias: Any = machine.model.inertias
+            found[id(machine)] = np.array(
+                [inertias[i].toDynamicParameters() for i in range(1, machine.model.njoints)]
+            )
+    return np.stack([found[id(model.machine)] for model in models])
+
+
+def _varying(values: Array) -> Array:
+    """Columns that are not the same in all rows, scaled to order one, and a column of ones."""
+    columns = values[:, (values != values[0]).any(axis=0)]
+    ones = np.ones((len(values), 1))
+    return np.hstack([columns / np.abs(columns).max(axis=0, initial=0.0), ones])
+
+
+def _basis(values: Array) -> tuple[Indices, Array]:
+    """Rows (B,) that span all V rows, and the weights (V, B) that give them."""
+    triangle, pivots = scipy.linalg.qr(values.T, mode="r", pivoting=True)
+    size = np.abs(np.diag(triangle))
+    chosen = np.sort(pivots[: int((size > RANK * size[0]).sum())])
+    weights = np.linalg.lstsq(values[chosen].T, values.T, rcond=None)[0].T
+    weights[np.abs(weights) < DROPPED] = 0.0
+    return chosen, np.ascontiguousarray(weights)
+
+
+def _alike(models: Sequence[StageModel]) -> bool:
+    """Whether the models are of one kind and their machines differ in inertia alone."""
+    first = models[0]
+    machine, checked = first.machine.model, {id(first.machine)}
+    placements = [np.array(placement.homogeneous) for placement in machine.jointPlacements]
+
+    def is_like_first(model: StageModel) -> bool:
+        other = model.machine.model
+        same = (
+            type(model) is type(first)
+            and model.joint_efforts == first.joint_efforts  # type: ignore[attr-defined]
+            and model.machine.joint_names == first.machine.joint_names
+            and list(other.parents) == list(machine.parents)
+            and np.array_equal(model.coordinates.G, first.coordinates.G)
+        )
+        if not same or id(model.machine) in checked:
+            return same
+        checked.add(id(model.machine))
+        return all(
+            np.array_equal(ours, theirs.homogeneous)
+            for ours, theirs in zip(placements, other.jointPlacements, strict=True)
+        )
+
+    return all(is_like_first(model) for model in models)
+
+
+def _gravities(models: Sequence[StageModel]) -> Array | None:
+    """Gravity of each model at yaw zero, (V, 3); None where efforts are not affine in it."""
+    if all(isinstance(model, ArmModel) for model in models):
+        return np.array([model.gravity for model in models])  # type: ignore[attr-defined]
+    if not all(isinstance(model, DrivingModel) for model in models):
+        return None
+    terrains = [model.terrain for model in models]  # type: ignore[attr-defined]
+    if all(terrain is terrains[0] for terrain in terrains):
+        return np.zeros((len(models), 3))
+    if not all(isinstance(terrain, Slope) for terrain in terrains):
+        return None
+    return np.array([terrain.gravity() for terrain in terrains])
+
+
+def _on_ground_of(model: StageModel, other: StageModel) -> StageModel:
+    """A model with the ground of another one."""
+    if isinstance(model, ArmModel) and isinstance(other, ArmModel):
+        return replace(model, gravity=other.gravity)
+    if isinstance(model, DrivingModel) and isinstance(other, DrivingModel):
+        return replace(model, terrain=other.terrain)
+    return model
