@@ -83,7 +83,10 @@ class Textbook:
         self.evaluations.append(np.array(x))
         with np.errstate(all="ignore"):
             return Evaluation(
-                float(self.objective(x)), 0.0, _vector(self.equal(x)).real, self._inequalities(x).real
+                float(self.objective(x)),
+                0.0,
+                _vector(self.equal(x)).real,
+                self._inequalities(x).real,
             )
 
     def linearize(self, x: Array) -> Linearization:
