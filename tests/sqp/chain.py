@@ -47,7 +47,7 @@ class Chain:
 
     @property
     def inequalities(self) -> int:
-        return 3 * self.N + 1
+        return 3 * self.N + 2
 
     @property
     def equalities(self) -> int:
@@ -64,7 +64,7 @@ class Chain:
     def evaluate(self, x: Array) -> Evaluation:
         p, v, u = np.split(x, [self.N + 1, 2 * self.N + 2])
         objective = 1.0 + 0.5 * float(u @ u + RATE_WEIGHT * v @ v) / self.N
-        inequalities = np.concatenate([p + BEND * p**2 - CEILING, u - MOST, -u - MOST])
+        inequalities = np.concatenate([p + BEND * p**2 - CEILING, u - MOST, -u - MOST, [-1.0]])
         return Evaluation(objective, 0.0, self._A @ x - self._b, inequalities)
 
     def linearize(self, x: Array) -> Linearization:
@@ -74,7 +74,8 @@ class Chain:
             [sp.diags_array(1.0 + 2.0 * BEND * p), sp.csr_array((self.N + 1, 2 * self.N + 1))]
         )
         bounds = sp.hstack([sp.csr_array((self.N, 2 * self.N + 2)), sp.eye_array(self.N)])
-        C = sp.csc_matrix(sp.vstack([ceiling, bounds, -bounds]))
+        none = sp.csr_array((1, self.size))  # the objective has no bound
+        C = sp.csc_matrix(sp.vstack([ceiling, bounds, -bounds, none]))
         return Linearization(self.evaluate(x), gradient, self._A, Rows(C), memory=None)
 
     def hessian(
@@ -94,7 +95,7 @@ class Chain:
     def decisive(self, x: Array, *, early: bool) -> np.ndarray:
         return np.zeros(self.inequalities, dtype=bool)
 
-    def excess(self, x: Array, lin: Linearization, *, fine: bool) -> Array | None:
+    def excess(self, x: Array, at: Evaluation, *, fine: bool) -> Array | None:
         return np.full(self.nonlinear, BULGE) if self.bulges else None
 
     def optimality_gap(self, x: Array) -> float:

@@ -23,6 +23,7 @@ __all__ = ["HOCK_SCHITTKOWSKI", "MARATOS", "Textbook", "named"]
 Array = np.ndarray
 Function = Callable[[Array], Any]
 COMPLEX_STEP = 1e-30  # no difference is taken, so no digit is lost
+NO_BOUND = -1.0  # last row of every program, where others bound their objective
 TOLERANCE = 2e-7  # of inequalities at a solution
 CENTRAL_STEP = 1e-5  # of exact gradients: error about 1e-10
 
@@ -36,8 +37,8 @@ class Textbook:
         start: The book's starting point.
         optimum: The book's f(x*).
         objective: f.
-        c_E: Equalities, a list of values.
-        c_I: Nonlinear inequalities, a list of values, feasible where <= 0.
+        equal: Equalities, a list of values.
+        curved: Nonlinear inequalities, a list of values, feasible where <= 0.
         linear: Linear inequalities, a list of values, feasible where <= 0.
         lower, upper: Bounds of the variables, infinite where there are none.
         evaluations: Every point that was evaluated.
@@ -47,8 +48,8 @@ class Textbook:
     start: Sequence[float]
     optimum: float
     objective: Function
-    c_E: Function = lambda x: []  # noqa: N815 - the field's symbols
-    c_I: Function = lambda x: []  # noqa: N815
+    equal: Function = lambda x: []
+    curved: Function = lambda x: []
     linear: Function = lambda x: []
     lower: float | Sequence[float] = -np.inf
     upper: float | Sequence[float] = np.inf
@@ -64,7 +65,7 @@ class Textbook:
 
     @property
     def nonlinear(self) -> int:
-        return len(self.c_I(self.x0))
+        return len(self.curved(self.x0))
 
     @property
     def inequalities(self) -> int:
@@ -72,7 +73,7 @@ class Textbook:
 
     @property
     def equalities(self) -> int:
-        return len(self.c_E(self.x0))
+        return len(self.equal(self.x0))
 
     @property
     def tolerance(self) -> Array:
@@ -82,7 +83,10 @@ class Textbook:
         self.evaluations.append(np.array(x))
         with np.errstate(all="ignore"):
             return Evaluation(
-                float(self.objective(x)), 0.0, _vector(self.c_E(x)).real, self._inequalities(x).real
+                float(self.objective(x)),
+                0.0,
+                _vector(self.equal(x)).real,
+                self._inequalities(x).real,
             )
 
     def linearize(self, x: Array) -> Linearization:
@@ -114,7 +118,7 @@ class Textbook:
     def decisive(self, x: Array, *, early: bool) -> np.ndarray:
         return np.zeros(self.inequalities, dtype=bool)
 
-    def excess(self, x: Array, lin: Linearization, *, fine: bool) -> None:
+    def excess(self, x: Array, at: Evaluation, *, fine: bool) -> None:
         return None
 
     def metric(self) -> sp.csc_matrix:
@@ -127,13 +131,14 @@ class Textbook:
         return _vector([self.objective(x)])
 
     def _equalities(self, x: Array) -> Array:
-        return _vector(self.c_E(x))
+        return _vector(self.equal(x))
 
     def _inequalities(self, x: Array) -> Array:
         lower, upper = np.broadcast_to(self.lower, len(x)), np.broadcast_to(self.upper, len(x))
         has_lower, has_upper = np.isfinite(lower), np.isfinite(upper)
         bounds = [lower[has_lower] - x[has_lower], x[has_upper] - upper[has_upper]]
-        return np.concatenate([_vector(self.c_I(x)), _vector(self.linear(x)), *bounds])
+        rows = [_vector(self.curved(x)), _vector(self.linear(x)), *bounds, [NO_BOUND]]
+        return np.concatenate(rows)
 
     def _jacobian(self, function: Function, x: Array) -> Array:
         with np.errstate(all="ignore"):
@@ -223,14 +228,14 @@ HOCK_SCHITTKOWSKI = (
         (-1.2, 1.0),
         0.0,
         lambda x: (1.0 - x[0]) ** 2,
-        c_E=lambda x: [10.0 * (x[1] - x[0] ** 2)],
+        equal=lambda x: [10.0 * (x[1] - x[0] ** 2)],
     ),
     Textbook(
         "HS7",
         (2.0, 2.0),
         -np.sqrt(3.0),
         lambda x: np.log(1.0 + x[0] ** 2) - x[1],
-        c_E=lambda x: [(1.0 + x[0] ** 2) ** 2 + x[1] ** 2 - 4.0],
+        equal=lambda x: [(1.0 + x[0] ** 2) ** 2 + x[1] ** 2 - 4.0],
     ),
     Textbook(
         "HS21",
@@ -246,7 +251,7 @@ HOCK_SCHITTKOWSKI = (
         (-2.6, 2.0, 2.0),
         0.0,
         lambda x: (x[0] - x[1]) ** 2 + (x[1] - x[2]) ** 4,
-        c_E=lambda x: [(1.0 + x[1] ** 2) * x[0] + x[2] ** 4 - 3.0],
+        equal=lambda x: [(1.0 + x[1] ** 2) * x[0] + x[2] ** 4 - 3.0],
     ),
     Textbook(
         "HS35",
@@ -261,7 +266,7 @@ HOCK_SCHITTKOWSKI = (
         (2.0, 2.0, 2.0, 2.0),
         -1.0,
         lambda x: -x[0],
-        c_E=lambda x: [x[1] - x[0] ** 3 - x[2] ** 2, x[0] ** 2 - x[1] - x[3] ** 2],
+        equal=lambda x: [x[1] - x[0] ** 3 - x[2] ** 2, x[0] ** 2 - x[1] - x[3] ** 2],
     ),
     Textbook(
         "HS43",
@@ -276,15 +281,15 @@ HOCK_SCHITTKOWSKI = (
             - 21.0 * x[2]
             + 7.0 * x[3]
         ),
-        c_I=_hs43_rows,
+        curved=_hs43_rows,
     ),
     Textbook(
         "HS71",
         (1.0, 5.0, 5.0, 1.0),
         17.0140173,
         lambda x: x[0] * x[3] * (x[0] + x[1] + x[2]) + x[2],
-        c_E=lambda x: [np.sum(x**2) - 40.0],
-        c_I=lambda x: [25.0 - np.prod(x)],
+        equal=lambda x: [np.sum(x**2) - 40.0],
+        curved=lambda x: [25.0 - np.prod(x)],
         lower=1.0,
         upper=5.0,
     ),
@@ -305,14 +310,14 @@ HOCK_SCHITTKOWSKI = (
         (1.0, 2.0, 0.0, 4.0, 0.0, 1.0, 1.0),
         680.6300573,
         _hs100_objective,
-        c_I=_hs100_rows,
+        curved=_hs100_rows,
     ),
     Textbook(
         "HS104",
         (6.0, 3.0, 0.4, 0.2, 6.0, 6.0, 1.0, 0.5),
         3.9511634396,
         _hs104_objective,
-        c_I=_hs104_rows,
+        curved=_hs104_rows,
         lower=0.1,
         upper=10.0,
     ),
@@ -326,7 +331,7 @@ MARATOS = Textbook(
     (np.cos(0.8), np.sin(0.8)),
     -1.0,
     lambda x: 2.0 * (x[0] ** 2 + x[1] ** 2 - 1.0) - x[0],
-    c_E=lambda x: [x[0] ** 2 + x[1] ** 2 - 1.0],
+    equal=lambda x: [x[0] ** 2 + x[1] ** 2 - 1.0],
 )
 
 

@@ -22,7 +22,7 @@ BACKENDS = ("auto", "proxqp", "piqp", "qpsolvers:clarabel")
 
 # x^2 >= 4 from x = 0.1 with x <= 3: the linearised row asks for x >= 20.
 INCONSISTENT = Textbook(
-    "inconsistent", (0.1,), 2.0, lambda x: x[0], c_I=lambda x: [4.0 - x[0] ** 2], upper=3.0
+    "inconsistent", (0.1,), 2.0, lambda x: x[0], curved=lambda x: [4.0 - x[0] ** 2], upper=3.0
 )
 # Two discs four apart with radius one: the violation is least between them.
 DISCS = Textbook(
@@ -30,13 +30,13 @@ DISCS = Textbook(
     (1.5, 2.0),
     np.inf,
     lambda x: 1.0 + x[1] ** 2,
-    c_I=lambda x: [
+    curved=lambda x: [
         (x[0] + 2.0) ** 2 + x[1] ** 2 - 1.0,
         (x[0] - 2.0) ** 2 + x[1] ** 2 - 1.0,
     ],
 )
 NO_ROOT = Textbook(
-    "no root", (2.0,), np.inf, lambda x: 1.0 + x[0] ** 2, c_I=lambda x: [x[0] ** 2 + 1.0]
+    "no root", (2.0,), np.inf, lambda x: 1.0 + x[0] ** 2, curved=lambda x: [x[0] ** 2 + 1.0]
 )
 
 

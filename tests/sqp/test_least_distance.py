@@ -21,7 +21,7 @@ DISC = Textbook(
     (2.0, 0.5, 7.0),
     7.0,
     lambda x: x[2],
-    c_I=lambda x: [x[0] ** 2 + x[1] ** 2 - 1.0],
+    curved=lambda x: [x[0] ** 2 + x[1] ** 2 - 1.0],
     linear=lambda x: [1.0 - x[2]],
 )
 # x >= 3 and x <= 1, in a bent coordinate.
@@ -30,7 +30,7 @@ TORN = Textbook(
     (2.0, 0.0, 7.0),
     np.inf,
     lambda x: x[2],
-    c_I=lambda x: [3.0 - x[0] + x[1] ** 2, x[0] - 1.0],
+    curved=lambda x: [3.0 - x[0] + x[1] ** 2, x[0] - 1.0],
     linear=lambda x: [1.0 - x[2]],
 )
 

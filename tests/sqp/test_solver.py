@@ -18,6 +18,9 @@ from zmp_sqp.sqp.solver import EXCESS_FACTOR, EXCESS_GUARD, SQP, SQPSettings
 
 BACKENDS = ("auto", "proxqp", "piqp", "qpsolvers:clarabel", "qpsolvers:daqp")
 
+# HS26 is flat to fourth order: its solution is only known to 1e-2
+SHARP = [problem for problem in HOCK_SCHITTKOWSKI if problem.name != "HS26"]
+
 
 def solve(problem: Textbook, backend: str = "piqp", **settings: float) -> SQPResult:
     sqp = SQP(make_backend(backend), settings=SQPSettings(**settings))
@@ -32,14 +35,11 @@ def test_the_iteration_limit_is_kept_and_reported() -> None:
 
 
 def test_a_limit_that_strikes_after_a_feasible_point_yields_that_point() -> None:
-    problem = named("HS43")  # feasible at its start
+    problem = named("HS35")  # whose rows are linear
     result = solve(problem, max_iterations=1)
+    assert result.status.name == "FEASIBLE"
+    assert result.at.violation <= TOLERANCE
     assert result.at.violation == problem.evaluate(result.point).violation
-    if result.at.violation <= TOLERANCE:
-        assert result.status.name == "FEASIBLE"
-    more = solve(problem, max_iterations=5, converged=1e-12)
-    assert more.status.name == "FEASIBLE"
-    assert more.at.violation <= TOLERANCE
 
 
 def test_no_iteration_starts_after_the_deadline() -> None:
@@ -98,12 +98,10 @@ def test_init_step_and_terminate_make_up_a_run() -> None:
 
 
 @pytest.mark.parametrize("backend", ["piqp", "proxqp"])
-@pytest.mark.parametrize("problem", HOCK_SCHITTKOWSKI, ids=lambda problem: problem.name)
+@pytest.mark.parametrize("problem", SHARP, ids=lambda problem: problem.name)
 def test_a_run_resumed_at_its_solution_with_its_multipliers_ends_within_two_steps(
     problem: Textbook, backend: str
 ) -> None:
-    if problem.name == "HS26":  # flat to fourth order: its solution is only known to 1e-2
-        pytest.skip("its solution is known too roughly")
     solved = solve(problem, backend, converged=1e-9)
     resumed = SQP(make_backend(backend), settings=SQPSettings(converged=1e-9, resumed=True))
     again = resumed.minimize(problem, solved.point, y=solved.y, z=solved.z)

@@ -97,6 +97,7 @@ class _Search:
         self.excess: Array | None = None
         self.steps = self.inner = 0
         self.solved_by = ""
+        self.tolerance = 0.0  # of the last program
         self.chord: tuple[Any, Any, Any, Array] | None = None  # lin, point, C, last step
 
     def run(self, point: Any) -> Nearest:
@@ -105,10 +106,12 @@ class _Search:
         while True:
             at = self._values(point)
             violations.append(at.violation)
-            feasible = is_feasible(at, program.tolerance, EQUALITY) or at.violation <= self.enough
+            near_enough = at.is_finite() and at.violation <= self.enough
+            feasible = near_enough or is_feasible(at, program.tolerance, EQUALITY)
             if feasible or self.steps >= STEPS or not at.is_finite():
                 break
-            if self.chord is not None and at.violation <= CHORD and not after_chord:
+            may_help = self.tolerance < at.violation <= CHORD and not after_chord
+            if self.chord is not None and may_help:
                 moved = self._chord_step(at)
                 if moved is not None:
                     point, after_chord = moved, True
@@ -149,14 +152,15 @@ class _Search:
             keep |= self.keep
         keep |= program.decisive(point, early=False)
         keep[-1] = False  # the objective's own bound
-        tolerance = np.clip(QP_SHARE * at.violation, LEAST_TOLERANCE, LARGEST_TOLERANCE)
+        share = np.clip(QP_SHARE * at.violation, LEAST_TOLERANCE, LARGEST_TOLERANCE)
+        self.tolerance = float(share)
         missed = max(1e-7, MISSED * at.violation)
         A = None if lin.A is None else _without_last(lin.A)
         for _ in range(ROUNDS):
             C = _without_last(lin.C.selected(keep))
             nothing, u = np.zeros(program.size - 1), -at.inequalities[keep]
             qp = QP(self.H, nothing, A, -at.equalities, C, u)
-            solution = self.backend.solve(qp, tolerance=float(tolerance), iterations=INNER)
+            solution = self.backend.solve(qp, tolerance=self.tolerance, iterations=INNER)
             self._count(solution)
             if not (solution.solved and solution.is_finite()):
                 return None

@@ -193,6 +193,8 @@ class SQP:
         if not relaxed:
             inner = INNER if clipped < 1.0 else INNER_CONVEX
             direction = subproblem.solve(iterations=inner, y=iterate.y, z=iterate.z)
+            if direction is not None and direction.z[: program.nonlinear].sum() > LARGEST_PRICE:
+                direction = None  # feasible by a step far beyond where it is true
             if clipped < 1.0 and (
                 direction is None or self._decrease(program, iterate, direction) < -WRONG_WAY
             ):
@@ -228,8 +230,8 @@ class SQP:
         return iterate.number < first or iterate.violation > CLIPPED_ABOVE
 
     def _clipped(self, iterate: Iterate) -> float:
-        whole = self.backend.needs_convex or self._is_early(iterate)
-        return 1.0 if whole else iterate.model.clipped
+        wholly = self.backend.needs_convex or iterate.relaxation.active or self._is_early(iterate)
+        return 1.0 if wholly else iterate.model.clipped
 
     def _subproblem(
         self, program: NonlinearProgram, iterate: Iterate, clipped: float
@@ -335,6 +337,14 @@ class SQP:
     ) -> Iterate:
         """No step lowers the merit function: damp the model, or end the run."""
         feasible = iterate.is_feasible(program.tolerance, self.settings.equality)
+        violation, relaxation = iterate.violation, iterate.relaxation
+        if violation > PATIENCE_VIOLATION and direction.slack > PATIENCE_SHARE * violation:
+            # not even to first order does a step lower the violation at this price
+            is_dear = max(relaxation.price, iterate.penalty.nonlinear) >= DEAR
+            dear = replace(relaxation, price=DEAR, violations=())
+            given_up = SQPStatus.INFEASIBLE if is_dear else None
+            stuck = replace(iterate, relaxation=dear, verdict=given_up)
+            return self._stay(iterate, subproblem, stuck, direction)
         ends = feasible or iterate.model.damping > LARGEST_DAMPING
         verdict = None
         if ends:
