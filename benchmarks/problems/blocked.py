@@ -21,9 +21,9 @@ def blocked_problem(seed: int) -> zs.Problem:
     """A slew from one side of a heading to the other at which the machine tips over.
 
     The arm may change its pose only a little, and none of the poses that it can take, at the
-    corners and in the middle of its room, stands at some heading in between. Full turns are excluded by the
-    slew's limits, so that there is no motion at all (but for poses between the corners, which the
-    depth of the violation makes up for).
+    corners and in the middle of its room, stands at some heading in between. Full turns are
+    excluded by the slew's limits, so that there is no motion at all (but for poses between the
+    corners, which the depth of the violation makes up for).
     """
     rng = np.random.default_rng([31, seed])
     headings = np.linspace(-np.pi, np.pi, HEADINGS)
