@@ -71,10 +71,10 @@ class Peer:
               |w_k| \le v \sqrt\sigma, \; |u_k| \le a \sigma, \; C f(q, w, u, \sigma g) \le 0
 
     Here s is the time in the motion of the guess, and w and u are rates and accelerations in that
-    time, so that sigma = 1 is the guess. The wrench rows C hold at both ends of every interval and,
-    as in the planner, at the middle Bernstein control point of the parabola through start, middle
-    and end. Positions are within limits at the nodes and at their Bernstein control points. Unlike
-    the planner, IPOPT keeps no small distance from the edges.
+    time, so that sigma = 1 is the guess. The wrench rows C hold at both ends of every interval and
+    at the middle Bernstein control point of the parabola through start, middle and end. Positions
+    are within limits at the nodes and at their Bernstein control points. Unlike the planner, IPOPT
+    keeps no small distance from the edges.
     """
 
     def __init__(

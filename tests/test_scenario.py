@@ -83,7 +83,7 @@ def test_paper_1_is_test_1_of_the_paper() -> None:
         50,
         0.0,
         "full",
-        "proxqp",
+        "auto",
     )
     at_rest = zmp(machine, problem.start, np.zeros(5), np.zeros(5), problem.ground)
     np.testing.assert_allclose(at_rest, [1.270, 0.786], atol=1e-3)  # paper.md
@@ -112,7 +112,7 @@ def test_a_file_without_title_is_called_by_its_name_and_defaults_are_the_library
     tmp_path: Path,
 ) -> None:
     scenario = load_scenario(str(written(tmp_path, PAPER_1)))
-    assert (scenario.name, scenario.title, scenario.qp_solver) == ("my", "my", "proxqp")
+    assert (scenario.name, scenario.title, scenario.qp_solver) == ("my", "my", "auto")
     assert scenario.problem.machine.mass == pytest.approx(23650.0)  # no payload
 
 
@@ -206,7 +206,7 @@ MISTAKES = {
     "float for integer": (
         "[ground]",
         "[plan]\nintervals = 50.0\n[ground]",
-        r"\[plan\] intervals: must be a whole number, not 50.0",
+        r'\[plan\] intervals: must be a whole number or "auto", not 50.0',
     ),
     "value for table": (
         "[ground]\nroll_deg = -20.0",

@@ -54,7 +54,7 @@ from zmp_sqp.planning import (
     trajectory_zmp,
 )
 from zmp_sqp.planning.constraints import registry as _registry
-from zmp_sqp.planning.constraints.registry import *
+from zmp_sqp.planning.constraints.registry import *  # noqa: F403 - what is known by name
 from zmp_sqp.simulation import Replay, replay
 
 __version__ = "0.1.0"

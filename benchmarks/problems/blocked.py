@@ -20,12 +20,13 @@ PAYLOAD = (2500.0, 6500.0)  # [kg]
 def blocked_problem(seed: int) -> zs.Problem:
     """A slew from one side of a heading to the other at which the machine tips over.
 
-    The arm may change its pose only a little, and none of the poses that it can take, at the corners
-    and in the middle of its room, stands at some heading in between. Full turns are excluded by the
-    slew's limits, so that there is no motion at all (but for poses between the corners, which the
-    depth of the violation makes up for).
+    The arm may change its pose only a little, and none of the poses that it can take, at the
+    corners and in the middle of its room, stands at some heading in between. Full turns are
+    excluded by the slew's limits, so that there is no motion at all (but for poses between the
+    corners, which the depth of the violation makes up for).
     """
     rng = np.random.default_rng([31, seed])
+    headings = np.linspace(-np.pi, np.pi, HEADINGS)
     while True:
         roll, pitch = rng.uniform(-STEEPEST, STEEPEST, 2)
         tree = Tree(rng.uniform(*PAYLOAD))
@@ -34,11 +35,12 @@ def blocked_problem(seed: int) -> zs.Problem:
         lower, upper = machine.limits.position_lower[1:], machine.limits.position_upper[1:]
         arm = rng.uniform(lower, upper)
         low, high = np.maximum(arm - ROOM, lower), np.minimum(arm + ROOM, upper)
-        headings = np.linspace(-np.pi, np.pi, HEADINGS)
 
-        def margins(pose: np.ndarray) -> np.ndarray:
+        def margins(
+            pose: np.ndarray, machine: zs.Machine = machine, ground: zs.Slope = scene.ground
+        ) -> np.ndarray:
             q = np.column_stack([headings, np.tile(pose, (HEADINGS, 1))])
-            return zs.stability_margin(machine, q, 0.0 * q, 0.0 * q, scene.ground)  # noqa: B023
+            return zs.stability_margin(machine, q, 0.0 * q, 0.0 * q, ground)
 
         middle = margins(arm)
         if middle.min() > OUTSIDE:

@@ -11,7 +11,7 @@ import zmp_sqp as zs
 from benchmarks.problems.checks import check_feasibility
 from benchmarks.problems.scene import NamedProblem
 from tests.problems import double_integrator, slew, slider, slider_time
-from zmp_sqp.planning.constraints.tip_over import GUARD
+from zmp_sqp.planning.constraints.tip_over import GUARD, GUARD_SHARE
 
 INSIDE = 1e-6
 
@@ -41,8 +41,12 @@ def test_slider_with_the_papers_half_length_is_within_0_2_percent() -> None:
 
 
 def test_the_sliders_error_falls_as_the_grid_grows_finer() -> None:
-    """Against the optimum of a polygon 0.05 mm smaller, which costs 0.009 % of the time."""
-    least = slider_time(0.5 - GUARD, 0.3)
+    """Against the optimum of a polygon smaller by the guard, which costs 0.02 % of the time."""
+    support = slider().problem.machine.support
+    assert support is not None
+    guard = GUARD_SHARE * support.reach
+    assert guard < GUARD
+    least = slider_time(0.5 - guard, 0.3)
     errors = []
     for N in (25, 50, 100, 200):
         named = slider(intervals=N)

@@ -167,7 +167,9 @@ def test_a_screened_program_has_the_minimum_of_the_whole_one(
         if len(lin.gradient) != found.program.size or MISSED * lin.at.violation > NEGLIGIBLE:
             continue
         H = found.program.hessian(lin, direction.y, direction.z, clipped=1.0, damping=0.0)
-        screened = Subproblem(lin, H, recorded.keep, backends, 1e-8).solve(iterations=100)
+        screened = Subproblem(lin, H, recorded.keep, backends, 1e-8).solve(
+            iterations=100, y=direction.y, z=direction.z
+        )
         assert screened is not None
         program = whole_program(lin, H)
         whole = backends[0].solve(program, tolerance=1e-8, iterations=100)

@@ -86,7 +86,7 @@ def test_a_plan_that_was_not_found_says_what_would_do() -> None:
     found = zs.diagnose(plan, progress=tried.append)
     assert found.edge == "left"
     assert found.outside > 0.1
-    assert f"{found.outside:.2f}" in plan.message
+    assert f"{found.outside:.3f} m" in plan.message
     assert found.largest_payload is not None
     assert found.steepest_slope is not None
     assert 0.0 < found.largest_payload < 4000.0

@@ -14,12 +14,10 @@ from benchmarks.problems.checks import check_feasibility
 from benchmarks.problems.paper import PAPER_GOAL, PAPER_START, paper_scene
 from benchmarks.problems.scene import FOOTPRINT, Scene, Tree
 from tests.planning.conftest import LEANING, TEST_2, lumped, pose
+from zmp_sqp.planning.search.keep_bound import ABOVE
 
 EXACT = 1e-9  # [rad, m, per second] closed forms, limits and boundary conditions
 INSIDE = 1e-6  # [m] of the ZMP
-# relative: the two models may end on grids of their own, one with constant, one with linear
-# accelerations
-GRID = 2e-4
 BETWEEN = 1e-4  # relative: the bounds on d hold at nodes; between them d'' is not linear
 PAPER = 4.5  # [s]
 
@@ -100,7 +98,7 @@ def test_the_simplified_model_is_never_faster_than_the_full_one(seed: int) -> No
     full, simplified = (zs.plan(problem) for problem in problems)
     assert full.success, full.message
     assert simplified.success, simplified.message
-    assert simplified.duration >= full.duration * (1.0 - GRID)
+    assert simplified.duration >= full.duration * (1.0 - ABOVE)
     assert simplified.duration >= simplified.lower_bound
     assert simplified.margin >= 0.0
     if seed in ACTIVE:

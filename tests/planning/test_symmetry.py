@@ -13,7 +13,7 @@ from benchmarks.problems.arm import HARD, random_scene
 from tests.planning.conftest import planned_random
 from tests.problems import slew, slider
 
-SAME = 1e-5  # relative: two runs of the SQP that stop at the same optimum
+SAME = 1e-4  # relative: each run ends where the changes to come are below half of it
 SLACK = 1e-5  # relative: what an inequality between two optima may miss
 SEEDS = [
     29,
@@ -53,8 +53,7 @@ def test_the_way_back_takes_as_long(seed: int) -> None:
     named, plan = planned_random(seed)
     back = zs.plan(named.scene.problem(named.problem.goal, named.problem.start))
     assert back.success
-    # slopes are tied differently from the two ends
-    assert back.duration == pytest.approx(plan.duration, rel=1e-4)
+    assert back.duration == pytest.approx(plan.duration, rel=SAME)
 
 
 def test_the_slope_is_the_same_in_whatever_frame_it_is_given() -> None:

@@ -52,7 +52,8 @@ def test_a_planar_heightmap_gives_the_plan_of_the_slope() -> None:
     assert mapped.success
     assert mapped.iterations == plan.iterations
     assert mapped.duration == pytest.approx(plan.duration, abs=SAME)
-    assert mapped.certificate.sampled == pytest.approx(plan.certificate.sampled, abs=SAME)
+    # the two certificates look at different times
+    assert mapped.certificate.sampled == pytest.approx(plan.certificate.sampled, abs=1e-5)
     t = np.linspace(0.0, min(mapped.duration, plan.duration), 500)
     here, there = (
         zs.trajectory_zmp(scene.load(), p.trajectory, t, p.problem.ground) for p in (plan, mapped)

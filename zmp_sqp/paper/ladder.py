@@ -15,7 +15,7 @@ import pinocchio as pin
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.errors import ProblemError
-from zmp_sqp.mechanics import Machine, Payload, Slope, load_machine
+from zmp_sqp.mechanics import Machine, Payload, Slope, load_machine, stability_margin
 from zmp_sqp.paper.runs import MODELS, time_plan
 from zmp_sqp.planning import Problem
 
@@ -27,9 +27,7 @@ RUNGS = tuple((payload, boom) for payload in PAYLOADS for boom in BOOMS)
 STEM = np.array([0.0, 0.0, 3.323])  # [m] centre of mass of the tree in the head's frame
 ATTITUDE = -2.0 * np.pi / 3  # [rad] pitch of the head, as in eq. (22)
 ROLL = np.deg2rad(-20.0)  # [rad] of the ground, as in test 1
-# ProxQP reaches its iteration limit on one rung (5 t, -50 deg, simplified); its motion on another
-# rung (5 t, -10 deg) is 0.6 % faster.
-QP_SOLVER = "piqp"
+QP_SOLVER = "auto"
 
 
 def ladder(
@@ -44,7 +42,7 @@ def ladder(
     Yields:
         One object per rung and model, ready for JSON: payload, boom_deg, reach (horizontal distance
         of the head from the slew axis [m]), model, and the numbers of `time_plan`. If the problem
-        is refused, `status` is "refused"; `message` and `reason` say why.
+        is refused, `status` is "refused" and `message` says why.
     """
     for payload, boom in rungs:
         machine, start = rung_machine(payload), rung_pose(boom)
@@ -63,7 +61,7 @@ def ladder(
                         "success": False,
                         "status": "refused",
                         "message": str(refused),
-                        "reason": str(refused),
+                        "reason": _refusal(machine, start),
                     }
                     | nothing
                 )
@@ -95,6 +93,13 @@ def rung_problem(machine: Machine, start: Array) -> Problem:
     return Problem(
         machine, start, start + np.array([np.pi, 0.0, 0.0, 0.0, 0.0]), ground=Slope(roll=ROLL)
     )
+
+
+def _refusal(machine: Machine, start: Array) -> str:
+    """Why the start of a rung is refused, for a table."""
+    still = np.zeros((1, machine.size))
+    margin = stability_margin(machine, start[None], still, still, Slope(roll=ROLL))
+    return "tips over at rest at the start" if margin[0] < 0.0 else "refused"
 
 
 def reach(machine: Machine, q: Array) -> float:

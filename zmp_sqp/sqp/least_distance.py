@@ -12,7 +12,7 @@ from zmp_sqp.arrays import Array
 from zmp_sqp.sqp.backends import QPBackend
 from zmp_sqp.sqp.iterate import is_feasible
 from zmp_sqp.sqp.nlp import Evaluation, NonlinearProgram
-from zmp_sqp.sqp.qp import QP
+from zmp_sqp.sqp.qp import QP, QPSolution
 
 __all__ = ["Nearest", "nearest_feasible"]
 
@@ -54,6 +54,7 @@ class Nearest:
         steps: Quadratic programs solved.
         inner: Their inner iterations.
         rows: Inequalities that took part in the last one.
+        backend: Who solved the last one; empty if there was none.
     """
 
     point: Any
@@ -63,6 +64,7 @@ class Nearest:
     steps: int
     inner: int
     rows: int
+    backend: str = ""
 
 
 def nearest_feasible(
@@ -94,6 +96,7 @@ class _Search:
         self.keep: Mask | None = None
         self.excess: Array | None = None
         self.steps = self.inner = 0
+        self.solved_by = ""
         self.tolerance = 0.0  # of the last program
         self.chord: tuple[Any, Any, Any, Array] | None = None  # lin, point, C, last step
 
@@ -120,7 +123,8 @@ class _Search:
                 break
             point = moved
         rows = 0 if self.keep is None else int(self.keep.sum())
-        return Nearest(point, feasible, at, self.excess, self.steps, self.inner, rows)
+        spent = self.steps, self.inner, rows
+        return Nearest(point, feasible, at, self.excess, *spent, self.solved_by)
 
     def _values(self, point: Any) -> Evaluation:
         at = self.program.evaluate(point)
@@ -157,7 +161,7 @@ class _Search:
             nothing, u = np.zeros(program.size - 1), -at.inequalities[keep]
             qp = QP(self.H, nothing, A, -at.equalities, C, u)
             solution = self.backend.solve(qp, tolerance=self.tolerance, iterations=INNER)
-            self.steps, self.inner = self.steps + 1, self.inner + solution.iterations
+            self._count(solution)
             if not (solution.solved and solution.is_finite()):
                 return None
             step = np.append(solution.x, 0.0)
@@ -172,6 +176,10 @@ class _Search:
         self.chord = lin, point, None, step
         return program.moved(lin, point, step)
 
+    def _count(self, solution: QPSolution) -> None:
+        self.steps, self.inner = self.steps + 1, self.inner + solution.iterations
+        self.solved_by = solution.backend
+
     def _chord_step(self, at: Evaluation) -> Any | None:
         """Point after the last program, solved again with the values that its step led to."""
         assert self.chord is not None
@@ -180,7 +188,7 @@ class _Search:
         u = -(at.inequalities - lin.C @ step)[self.keep]
         b = -at.equalities if lin.A is None else lin.A @ step - at.equalities
         solution = self.backend.solve_again(u, b)
-        self.steps, self.inner = self.steps + 1, self.inner + solution.iterations
+        self._count(solution)
         if not solution.solved:
             return None
         return self.program.moved(lin, point, np.append(solution.x, 0.0))

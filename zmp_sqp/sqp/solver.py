@@ -206,7 +206,7 @@ class SQP:
             price = min(max(iterate.relaxation.price, iterate.penalty.nonlinear), LARGEST_PRICE)
             values = iterate.lin.at.inequalities
             subproblem.keep |= (values > -RELAXED_NEAR) & iterate.lin.C.leading(values)
-            subproblem.keep[-1] = True  # the objective's own bound
+            subproblem.keep[-1:] = True  # the objective's own bound
             direction = subproblem.solve_relaxed(program.nonlinear, price)
         if direction is None:
             failed = iterate.model.damping > LARGEST_QP_DAMPING

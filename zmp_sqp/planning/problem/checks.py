@@ -16,14 +16,14 @@ from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.planning.constraints.tip_over import supported
 
 __all__ = [
+    "AUTO",
+    "MOST_ACCELERATIONS",
     "UNCERTAINTIES",
     "Range",
     "check_boundary_state",
     "check_limits",
     "check_simplified",
     "checked_in_range",
-    "AUTO",
-    "MOST_ACCELERATIONS",
     "checked_intervals",
     "checked_margin",
 ]
@@ -77,7 +77,8 @@ def checked_intervals(given: object, joints: int) -> int | str:
         joints: Number of joints.
 
     Raises:
-        ProblemError: Neither "auto" nor a whole number, below 2, or more than `MOST_ACCELERATIONS / joints`.
+        ProblemError: Neither "auto" nor a whole number, below 2, or more than
+            `MOST_ACCELERATIONS / joints`.
     """
     if isinstance(given, str) and given == AUTO:
         return AUTO

@@ -63,9 +63,10 @@ class PositionBound:
 class LimitRows:
     """Rows of the limits of coordinates and duration.
 
-    Their order: accelerations, rates at nodes and between them, positions, sigma. Upper sides before lower ones. Accelerations are limited at both ends of every interval, rates
-    and positions at their Bernstein points, so that they hold everywhere. The last row keeps sigma
-    above its proven bound, and above a quarter of what it is now.
+    Their order: accelerations, rates at nodes and between them, positions, sigma; upper sides
+    before lower ones. Accelerations are limited at both ends of every interval, rates and positions
+    at their Bernstein points, so that they hold everywhere. The last row keeps sigma above its
+    proven bound, and above a quarter of what it is now.
     """
 
     def __init__(

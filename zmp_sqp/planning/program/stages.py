@@ -201,7 +201,7 @@ class Stages:
 
     @cached_property
     def middle_factors(self) -> tuple[Array, Array]:
-        """Factors P' = Q R of the middle map: orthonormal (K, m, 3n+1), triangle (K, 3n+1, 3n+1)."""
+        """Factors P' = Q R of the middle map: Q (K, m, 3n + 1) is orthonormal, R a triangle."""
         Q, R = np.linalg.qr(self.at_middle.transpose(0, 2, 1))
         return Q, R
 

@@ -18,7 +18,9 @@ MOST_PARTS = 16  # largest number of parts into which a stretch is cut at once
 MOST_STRETCHES = 200_000  # stretches evaluated before subdivision ends, which limits time
 # a bound is expected to tighten with the square of the length; this factor is in reserve
 HEADROOM = 1.2
-ROUNDING = 1e-9  # difference of values below which shorter stretches do not help
+# rounding error of values: certificates take it off, and stretches whose bound is as close as this
+# to what shorter ones could give are not cut
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,9 +104,10 @@ class LeastValue:
             self.interval = int(interval[worst])
         self._best = min(self._best, float(found.reachable.min()))
         bound, reachable = found.bound, found.reachable
-        asked = max(wanted.required, 0.0)
+        # certificates take ROUNDING off the guaranteed value
+        asked = max(wanted.required, 0.0) + ROUNDING
         # a negative required value counts only where zero cannot be proven
-        target = np.where(reachable >= asked, asked, wanted.required)
+        target = np.where(reachable >= asked, asked, wanted.required + ROUNDING)
         undecided = (bound < target) & (reachable >= target)
         tight = wanted.tight_if_kept or self._best < asked
         floor = self._best - wanted.resolution if tight else -np.inf

@@ -45,7 +45,7 @@ class BlindMotion:
     def nodes(self, intervals: int) -> Array:
         """Nodes at all switching times, and more of them up to a number of intervals [s]."""
         times = np.unique(np.concatenate([[0.0, self.duration], self.switches.ravel()]))
-        apart = np.diff(times, prepend=-1.0) > SAME * self.duration
+        apart = np.diff(times, prepend=-np.inf) > SAME * self.duration
         times = times[apart]
         times[0], times[-1] = 0.0, self.duration
         while len(times) <= intervals:  # cut the longest interval in two

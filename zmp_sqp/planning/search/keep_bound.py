@@ -109,7 +109,7 @@ def aligned_grid(motion: BlindMotion, intervals: int) -> Grid:
 def _record(found: Nearest, runs: Runs) -> IterationRecord:
     return IterationRecord(
         iteration=1,
-        backend=f"{runs.backend.name}, shortest steps",
+        backend=f"{found.backend or runs.backend.name}, shortest steps",
         inner_iterations=found.inner,
         rows=found.rows,
         relaxed=False,

@@ -57,7 +57,10 @@ class Positions:
         return yaw, np.stack([w[:-1, -2], middle_w[:, -2], w[1:, -2]])
 
     def path(self, grid: Grid, q: Array, w: Array, controls: Array) -> tuple[Array, Displacements]:
-        """Positions of the nodes (N + 1, 2), by Newton's method on all gaps at once; displacements."""
+        """Positions of the nodes, shape (N + 1, 2), and the displacements between them.
+
+        Over terrain by Newton's method on all gaps at once.
+        """
         yaw, rate = self.heading(grid, q, w, controls)
         p = np.repeat(self.base.start[None, :2], grid.size + 1, axis=0)
         moves = runge_kutta(self.terrain, p[:-1], yaw, rate, grid.steps)
