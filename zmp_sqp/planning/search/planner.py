@@ -46,8 +46,8 @@ def plan(
 
     Args:
         problem: The question.
-        qp_solver: "auto" (ProxQP or PIQP, by the size of the QP), "proxqp", "piqp", or
-            "qpsolvers:NAME".
+        qp_solver: "auto" (ProxQP or PIQP, by the size of the QP), "proxqp" (which leaves QPs of more
+            than 1200 variables to PIQP), "piqp", or "qpsolvers:NAME".
         time_budget: No new QP starts after this long [s]; one that has begun is brought to its end.
             None for as long as it takes.
         progress: Called after every iteration with its record.

@@ -25,7 +25,7 @@ STEEP = 0.1
 PROXIMAL = 1e-4  # the curvature that they get, per unit gradient
 # curvature that a semi-definite Hessian gets in all variables, per largest one
 SHIFT, LEAST_CURVATURE = 1e-10, 1e-8
-LARGEST_WORK = 1e9  # entries looked at by all pivots: a second or so
+LARGEST_WORK = 4e9  # entries looked at by all pivots: some seconds
 # the latter per unit gradient; beyond, it is no solution
 PRIMAL_TOLERANCE, DUAL_TOLERANCE = 1e-7, 1e-5
 NO_BOUND = 1e30  # what DAQP takes for infinity

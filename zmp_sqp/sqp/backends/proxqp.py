@@ -11,6 +11,7 @@ import scipy.sparse as sp
 
 from zmp_sqp.arrays import Array, Indices
 from zmp_sqp.sqp.backends.active_set import ActiveSetMethod
+from zmp_sqp.sqp.backends.piqp import PIQP
 from zmp_sqp.sqp.qp import QP, QPSolution
 
 __all__ = ["ProxQP"]
@@ -30,6 +31,9 @@ MAX_ITER_IN = 60  # inner iterations; uncapped, one QP ran for 290 s
 NO_BOUND = 1e20  # what ProxQP takes for infinity
 PIVOTS_WARM = 300  # from the rows of a guess
 PIVOTS = 2000  # from those that ProxQP has found
+# variables beyond which PIQP solves the program: at 2000 one call of the active-set method may take
+# two minutes, in which no time budget can stop it
+LARGEST = 1200
 
 
 class ProxQP:
@@ -39,6 +43,7 @@ class ProxQP:
     scale ourselves. ProxQP is asked which rows are active, and DAQP's active-set method takes it
     from there: it is exact, and the same program gets the same bits every time. Where multipliers
     tell which rows are active, that method is tried first. Where it fails, ProxQP goes on alone.
+    Programs of more than 1200 variables (120 intervals of five joints) are left to PIQP.
     """
 
     name = "proxqp"
@@ -48,6 +53,7 @@ class ProxQP:
         """Make a backend without a program."""
         self._exactly: ActiveSetMethod | None = None
         self._last: QPSolution | None = None
+        self._instead: PIQP | None = None
 
     def solve(
         self, qp: QP, *, tolerance: float, iterations: int, warm: QPSolution | None = None
@@ -57,7 +63,10 @@ class ProxQP:
         Args:
             qp, tolerance, iterations, warm: Arguments of `QPBackend.solve`.
         """
-        self._last = None
+        self._last = self._instead = None
+        if qp.size > LARGEST:
+            self._instead = PIQP()
+            return self._instead.solve(qp, tolerance=tolerance, iterations=iterations)
         self._exactly = exactly = ActiveSetMethod(qp)
         if not exactly.is_ready:
             return QPSolution.nothing(qp, self.name)
@@ -66,6 +75,8 @@ class ProxQP:
 
     def solve_again(self, u: Array, b: Array) -> QPSolution:
         """Solution of the last program with other right-hand sides, from the last active rows."""
+        if self._instead is not None:
+            return self._instead.solve_again(u, b)
         exactly, last = self._exactly, self._last
         assert exactly is not None
         qp = replace(exactly.qp, u=u, b=b)
