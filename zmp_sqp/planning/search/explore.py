@@ -17,9 +17,12 @@ from zmp_sqp.sqp.solver import SQPSettings
 
 __all__ = ["RESUMED", "explore", "on_finer_grid", "transferred"]
 
-# Guesses: how much slower than the bound, and whether smooth. From the first one 48 of 52 hard
-# problems end within 0.05 % of the best of all; the others are for failures.
-GUESSES = ((1.1, False), (1.5, True), (2.5, False))
+# Guesses: how much slower than the bound, and whether smooth. The first one serves nearly always:
+# a cubic in joint space at this pace ends in better minima than a bang-bang motion, and in fewer
+# iterations. The second is tried, too, where the number of intervals is left to the planner and the
+# first ends far above the bound; otherwise the others are for failures.
+GUESSES = ((1.15, True), (1.5, True), (2.5, False))
+FAR_ABOVE = 1.1  # times the lower bound
 LEAST_COARSE = 4  # intervals of a coarse grid
 # On the coarse grid the search ends early.
 COARSE = SQPSettings(converged=1e-3, coarse=1e-2, excess_from=0.0)
@@ -38,6 +41,9 @@ def explore(task: Task, runs: Runs) -> Candidate:
     for pace, smooth in GUESSES:
         tried.append(_coarse_to_fine(task, runs, pace, smooth=smooth))
         last = tried[-1].result.status
+        far = tried[-1].duration > FAR_ABOVE * task.lower_bound
+        if last in ENOUGH and task.problem.refines and far and len(tried) == 1:
+            continue
         if last in ENOUGH or last is SQPStatus.INFEASIBLE or runs.is_late:
             break
     best = min(tried, key=_rank)
@@ -45,9 +51,10 @@ def explore(task: Task, runs: Runs) -> Candidate:
 
 
 def _rank(candidate: Candidate) -> tuple[bool, float]:
-    """Feasible ones first, then by violation per unit of the rows' scale."""
-    at = candidate.result.at
-    return not candidate.is_feasible, at.violation / max(at.objective, 1e-9)
+    """Feasible ones first, by duration; then the others, by violation per unit of rows' scale."""
+    at, feasible = candidate.result.at, candidate.is_feasible
+    scaled = at.violation / max(at.objective, 1e-9)
+    return not feasible, candidate.duration if feasible else scaled
 
 
 def _coarse_to_fine(task: Task, runs: Runs, pace: float, *, smooth: bool) -> Candidate:

@@ -46,7 +46,7 @@ def plan(
 
     Args:
         problem: The question.
-        qp_solver: "auto" (ProxQP or PIQP, by the size of the QP), "proxqp" (which leaves QPs of more
+        qp_solver: "auto" (ProxQP or PIQP, by size of the QP), "proxqp" (which leaves QPs of more
             than 1200 variables to PIQP), "piqp", or "qpsolvers:NAME".
         time_budget: No new QP starts after this long [s]; one that has begun is brought to its end.
             None for as long as it takes.
