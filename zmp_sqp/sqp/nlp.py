@@ -148,7 +148,7 @@ class NonlinearProgram(Protocol):
         """
 
     def excess(self, point: Any, at: Evaluation, *, fine: bool) -> Array | None:
-        """Excess of nonlinear rows, between the points where they are imposed, over what is imposed.
+        """Excess of nonlinear rows between the points where they are imposed.
 
         Constraints that hold for all times are imposed at some times only; the excess is the amount
         by which they may be violated in between. Not negative, shape (nonlinear,); None if there is
