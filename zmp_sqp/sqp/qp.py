@@ -83,7 +83,7 @@ class QP:
         return QP(H, np.append(self.g, price), A, self.b, C, np.append(self.u, 0.0))
 
 
-SLACK_CURVATURE = 1e-8  # of t: keeps the relaxed Hessian positive definite, costs next to nothing
+SLACK_CURVATURE = 1e-8  # of the slack t: keeps the relaxed Hessian positive definite
 
 
 @dataclass(frozen=True, slots=True, eq=False)

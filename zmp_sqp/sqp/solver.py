@@ -48,7 +48,7 @@ DECISIVE_ABOVE = 3e-3  # violation above which the QP contains the program's `de
 QP_SHARE, LEAST_TOLERANCE, LARGEST_TOLERANCE = 1e-2, 1e-8, 1e-4
 # damping at which the run gives up: after refused steps, and after QPs that no backend solved
 LARGEST_DAMPING, LARGEST_QP_DAMPING = 1e2, 10.0
-LARGEST_PRICE = 1e5  # of the violation; a QP with a larger sum of multipliers counts as infeasible
+LARGEST_PRICE = 1e5  # of the slack; a QP with a larger sum of multipliers counts as infeasible
 UNDAMPED = 1e-4  # damping above which a small change is no sign of convergence
 # relaxed steps are stuck if over this many of them the violation stays above this share of itself
 # and above this value

@@ -70,7 +70,7 @@ class CornerModels:
         """
         masses = _of_machines(models)[:, :, 0].sum(axis=1)
         gravity = _gravities(models)
-        if gravity is None or not _alike(models):
+        if gravity is None or not _differ_in_inertia_only(models):
             one = np.eye(len(models))
             return cls(tuple(models), tuple(models), one, np.zeros((len(models), 3)), masses)
         parameters = _varying(_of_machines(models).reshape(len(models), -1))
@@ -345,7 +345,7 @@ def _basis(values: Array) -> tuple[Indices, Array]:
     return chosen, np.ascontiguousarray(weights)
 
 
-def _alike(models: Sequence[StageModel]) -> bool:
+def _differ_in_inertia_only(models: Sequence[StageModel]) -> bool:
     """Whether the models are of one kind and their machines differ in inertia alone."""
     first = models[0]
     machine, checked = first.machine.model, {id(first.machine)}

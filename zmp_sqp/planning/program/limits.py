@@ -170,8 +170,7 @@ class LimitRows:
         """Entries of the Jacobian, group by group, at a scaled squared duration.
 
         Returns:
-            Arrays of the shapes of `columns`, and the part of each row's derivative by sigma that
-            is due to the boundary rates v sqrt(S), shape (count,).
+            Arrays of the shapes of `columns`; derivatives by sigma due to boundary rates, (count,).
         """
         stages, n, N = self.stages, self.stages.n, self.stages.grid.size
         sqrt_derivative = 0.5 / np.sqrt(sigma)

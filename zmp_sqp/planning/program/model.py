@@ -26,7 +26,7 @@ class ArmModel:
     arguments q, w, alpha of the methods are y and its first two derivatives by s.
 
     Attributes:
-        machine: The machine.
+        machine: Machine with its payload.
         gravity: Acceleration g of gravity in the root frame, shape (3,) [m/s^2].
         coordinates: Map from y to the joint positions.
         joint_efforts: Whether the efforts are the ground reaction wrench and the joint efforts

@@ -71,20 +71,20 @@ class _Memory:
     """Data of a linearisation that the Hessian at its point needs.
 
     Attributes:
-        motion: The point.
+        motion: Point of the linearisation.
         states: (q, w, alpha) at starts, ends and middles of the intervals, shape (3N, n) each.
-        places: Base positions there, shape (3N, 2); None where rows do not depend on them.
+        base_positions: Base positions there, shape (3N, 2); None where rows do not depend on them.
         by_ends: Derivative of each inequality by sigma through the boundary rates v sqrt(S), shape
             (m,); of the limits only where `C` is a `CornerJacobian`.
-        drive: Displacements of a driving base, or None.
+        displacements: Displacements of a driving base, or None.
         C: Jacobian of the inequalities.
     """
 
     motion: Motion
     states: tuple[Array, Array, Array]
-    places: Array | None
+    base_positions: Array | None
     by_ends: Array
-    drive: Any
+    displacements: Any
     C: Rows | CornerJacobian
 
 
@@ -240,26 +240,28 @@ class StagedProgram:
         if not point.sigma > 0.0:
             undefined = np.full((3 * self.grid.size, self.rows.count), np.nan)
             return self._evaluation(point, undefined, None)
-        states, places, _ = self._samples(point)
+        states, base_positions, _ = self._samples(point)
         S = point.sigma * self.reference**2
-        return self._evaluation(point, self.rows.evaluate(*states, S, places), places)
+        return self._evaluation(
+            point, self.rows.evaluate(*states, S, base_positions), base_positions
+        )
 
     def linearize(self, point: Motion) -> Linearization:
         """Values and first derivatives of objective and constraints at a motion."""
-        states, places, drive = self._samples(point)
+        states, base_positions, displacements = self._samples(point)
         N = self.grid.size
         expand = self._all_rows if self.rows.models is None else self._rows_on_demand
-        values, C, by_ends = expand(states, places, drive, point.sigma)
+        values, C, by_ends = expand(states, base_positions, displacements, point.sigma)
         A = None
         if self.drive is not None and self._patterns.A is not None:
-            by_stage = self.drive.end_derivatives(self.stages, drive)
+            by_stage = self.drive.end_derivatives(self.stages, displacements)
             by_stage = self._folded(by_stage.copy(), point.sigma)
             identity = np.full(2 * N, -STATE)
             A = self._patterns.A.matrix(
                 self._patterns.A.data(np.concatenate([by_stage.ravel(), identity]))
             )
-        memory = _Memory(point, states, places, by_ends, drive, C)
-        at = self._evaluation(point, values, places)
+        memory = _Memory(point, states, base_positions, by_ends, displacements, C)
+        at = self._evaluation(point, values, base_positions)
         return Linearization(at, self._gradient(point), A, C, memory)
 
     def hessian(
@@ -307,16 +309,16 @@ class StagedProgram:
 
     def excess(self, point: Motion, at: Evaluation, *, fine: bool) -> Array | None:
         """Largest excess of each row over the parabola through its start, middle and end values."""
-        values, at_places = at.memory
+        values, base_positions = at.memory
         N, shares = self.grid.size, INSIDE_FINE if fine else INSIDE
         q, w, controls, S = self.unpack(point)
         states = [self.grid.within(s, q[:-1], w[:-1], controls) for s in shares]
         at_q, at_w, alpha = (np.vstack(parts) for parts in zip(*states, strict=True))
-        places = None
-        if at_places is not None:
-            p0, p1, middle = (at_places[i * N : (i + 1) * N] for i in range(3))
-            places = np.vstack([_parabola(s, p0, p1, middle) for s in shares])
-        found = self.rows.evaluate(at_q, at_w, alpha, S, places).reshape(len(shares), N, -1)
+        base_positions = None
+        if base_positions is not None:
+            p0, p1, middle = (base_positions[i * N : (i + 1) * N] for i in range(3))
+            base_positions = np.vstack([_parabola(s, p0, p1, middle) for s in shares])
+        found = self.rows.evaluate(at_q, at_w, alpha, S, base_positions).reshape(len(shares), N, -1)
         start, end, middle = values.reshape(3, N, -1)
         most = np.zeros((N, self.rows.count))
         for s, inside in zip(shares, found, strict=True):
@@ -331,31 +333,41 @@ class StagedProgram:
     # --- parts ------------------------------------------------------------------------------
 
     def _all_rows(
-        self, states: tuple[Array, Array, Array], places: Array | None, drive: Any, sigma: float
+        self,
+        states: tuple[Array, Array, Array],
+        base_positions: Array | None,
+        displacements: Any,
+        sigma: float,
     ) -> tuple[Array, Rows, Array]:
         """Values (3N, E) of the nonlinear rows, Jacobian of all inequalities, and `by_ends`."""
         S, N = sigma * self.reference**2, self.grid.size
-        values, jacobian = self.rows.linearize(*states, S, places)  # (3N, E, 3n + 1 [+ 2])
+        values, jacobian = self.rows.linearize(*states, S, base_positions)  # (3N, E, 3n + 1 [+ 2])
         by_state = jacobian[:, :, : 3 * self.n + 1]
         start, end, middle = (
             by_state[i * N : (i + 1) * N] @ part for i, part in enumerate(self.stages.mapped)
         )
-        if places is not None and self.drive is not None:
+        if base_positions is not None and self.drive is not None:
             by_place = jacobian[:, :, 3 * self.n + 1 :]
-            self.drive.add_position_derivatives(self.stages, drive, by_place, (start, end, middle))
+            self.drive.add_position_derivatives(
+                self.stages, displacements, by_place, (start, end, middle)
+            )
         blocks = np.stack([start, end, 2.0 * middle - 0.5 * (start + end)], axis=1)
         entries, by_ends = self._inequality_entries(blocks, sigma)
         return values, Rows(self._patterns.C.matrix(self._patterns.C.data(entries))), by_ends
 
     def _rows_on_demand(
-        self, states: tuple[Array, Array, Array], places: Array | None, drive: Any, sigma: float
+        self,
+        states: tuple[Array, Array, Array],
+        base_positions: Array | None,
+        displacements: Any,
+        sigma: float,
     ) -> tuple[Array, CornerJacobian, Array]:
         """Results of `_all_rows` for many corners; `by_ends` is that of the limits alone."""
         stages = self.stages
-        expansion = self.rows.expand(*states, sigma * self.reference**2, places)
+        expansion = self.rows.expand(*states, sigma * self.reference**2, base_positions)
         maps = stages.mapped
-        if places is not None and self.drive is not None:
-            maps = self.drive.with_positions(stages, drive, maps)
+        if base_positions is not None and self.drive is not None:
+            maps = self.drive.with_positions(stages, displacements, maps)
         groups, by_ends = self.limits.entries(sigma)
         entries = np.concatenate([group.ravel() for group in groups])
         limits = Rows(self._patterns.C.matrix(self._patterns.C.data(entries)))
@@ -380,13 +392,13 @@ class StagedProgram:
         if self.drive is None:
             return states, None, None
         p = point.states[:, self.stages.places]
-        drive = point.moves
-        assert drive is not None
+        displacements = point.moves
+        assert displacements is not None
         if self.drive.terrain.uniform:
-            return states, None, drive
-        return states, np.vstack([p[:-1], p[1:], p[:-1] + drive.half]), drive
+            return states, None, displacements
+        return states, np.vstack([p[:-1], p[1:], p[:-1] + displacements.half]), displacements
 
-    def _evaluation(self, point: Motion, values: Array, places: Array | None) -> Evaluation:
+    def _evaluation(self, point: Motion, values: Array, base_positions: Array | None) -> Evaluation:
         N = self.grid.size
         start, end, middle = values.reshape(3, N, -1)
         nonlinear = np.stack([start, end, 2.0 * middle - 0.5 * (start + end)], axis=1)
@@ -399,7 +411,7 @@ class StagedProgram:
             missed[-2:] = point.states[-1, self.stages.places] - self.drive.goal
         tie = 0.5 * self.tie * float(np.sum(point.controls**2))
         inequalities = np.concatenate([nonlinear.ravel(), limits])
-        return Evaluation(point.sigma, tie, missed, inequalities, (values, places))
+        return Evaluation(point.sigma, tie, missed, inequalities, (values, base_positions))
 
     def _turning(self, point: Motion) -> Array:
         """`moment_of_spread` per unit of spread in each interval, times S, shape (N,)."""
@@ -469,9 +481,11 @@ class StagedProgram:
         if len(active):
             middle = 2 * N + active
             q, w, alpha = (part[middle] for part in memory.states)
-            places = None if memory.places is None else memory.places[middle]
+            base_positions = (
+                None if memory.base_positions is None else memory.base_positions[middle]
+            )
             S = memory.motion.sigma * self.reference**2
-            blocks = self.rows.curvature(q, w, alpha, S, weights[active], places)
+            blocks = self.rows.curvature(q, w, alpha, S, weights[active], base_positions)
         if self.drive is None:
             if blocks is not None:  # at most 3n + 1 eigenvalues of the block differ from zero
                 Q, R = (

@@ -83,7 +83,7 @@ class Plan:
         solve_time: Wall time of planning, certification included [s].
         history: One record per SQP iteration.
         runs: One record per run of the search: guess, grid, QP solver, how it ended.
-        qp_solver: Name of the QP solver that was asked for.
+        qp_solver: Name of the QP solver that the caller chose.
         attempt: Last motion of the search, safe or not; None if there was none.
     """
 

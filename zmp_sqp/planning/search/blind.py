@@ -68,7 +68,7 @@ class BlindMotion:
     def mean_accelerations(self, times: Array) -> Array:
         """Mean accelerations between times (K + 1,), shape (K, n); 0 where two times are equal."""
         ends = np.cumsum(self.phases, axis=1)
-        gained = np.zeros((len(times), len(ends)))  # of rate, since the start
+        gained = np.zeros((len(times), len(ends)))  # change of the rate since the start
         for i in range(3):
             since = ends[:, i] - self.phases[:, i]
             inside = np.clip(times[:, None] - since, 0.0, self.phases[:, i])

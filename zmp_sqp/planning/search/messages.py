@@ -1,4 +1,4 @@
-"""Messages that say how planning ended and, without success, what is wrong with the last motion."""
+"""Messages of plans: how planning ended and, without success, the faults of the last motion."""
 
 from __future__ import annotations
 

@@ -36,7 +36,7 @@ OUTCOMES = {
     SQPStatus.TIME_LIMIT: Status.TIME_BUDGET,
     SQPStatus.ITERATION_LIMIT: Status.ITERATION_LIMIT,
 }
-# statuses that do not tell faults of the base from others
+# statuses that are replaced by BASE if only the base is at fault
 MAYBE_BASE = (Status.INFEASIBLE, Status.FAILED, Status.UNSAFE_BETWEEN_NODES)
 
 

@@ -14,7 +14,7 @@ __all__ = ["refine"]
 # expected relative gain on a grid four times as fine that is worth a refinement: below the 0.1 %
 # that `Problem.intervals` promises, because it is an estimate
 WORTHWHILE_GAIN = 7e-4
-MOST_INTERVALS = 400  # of any grid
+MOST_INTERVALS = 400  # in a refined grid
 
 
 def refine(task: Task, found: Candidate, runs: Runs) -> Candidate:

@@ -23,8 +23,8 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "piqp": {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_iter": 100},
     "osqp": {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_iter": 100_000},
     "scs": {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_iters": 100_000},
-    # qpsolvers cannot set the limit of inner iterations, nor the tolerance of the infeasibility test,
-    # which calls feasible QPs infeasible
+    # neither the limit of inner iterations nor the tolerance of the infeasibility test, which calls
+    # feasible QPs infeasible, can be set through qpsolvers
     "proxqp": {
         "eps_abs": 1e-9,
         "eps_rel": 0.0,

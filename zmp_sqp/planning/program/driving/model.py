@@ -33,7 +33,7 @@ class DrivingModel:
     `ArmModel`.
 
     Attributes:
-        machine: The machine.
+        machine: Machine with its payload.
         terrain: Ground that the base drives on.
         joint_efforts: Whether the efforts are the ground reaction wrench and the joint efforts
             (R = 6 + number of joints), or the wrench alone (R = 6).
