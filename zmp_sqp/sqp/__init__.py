@@ -1,1 +1,1 @@
-"""Sequential quadratic programming for nonlinear programs with stages. Knows no robot."""
+"""Sequential quadratic programming for sparse nonlinear programs; independent of robotics."""

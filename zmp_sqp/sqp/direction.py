@@ -1,4 +1,4 @@
-"""The quadratic program of an iterate: screened, and relaxed where it has no solution."""
+"""Quadratic program of an iterate: screening of inequalities, relaxation, correction."""
 
 from __future__ import annotations
 
@@ -17,28 +17,29 @@ __all__ = ["Direction", "Subproblem"]
 
 Mask = npt.NDArray[np.bool_]
 
-ROUNDS = 4  # of adding rows that a solution violates
-ADDED = 0.05  # rows that a screened solution brings nearer to their bound than this join
-MISSED = 0.2  # of the current violation: rows that a step misses by less wait for the next one
-SOLVED = 1e-6  # residual of rows in the program of a solution that is believed
-DUST = 1e-7  # of the largest: smaller multipliers are what an interior point leaves
-# a relaxed program's objective is the price times the violation: at a larger tolerance steps near
-# the least violation lower nothing, and are refused
+ROUNDS = 4  # QPs at most, each with the rows added that the solution of the last one violates
+ADDED = 0.05  # predicted distance from the bound below which rows are added with the violated ones
+# predicted violation of a row, relative to the current violation, that makes another QP necessary
+MISSED = 0.2
+SOLVED = 1e-6  # largest residual of the rows of a QP whose solution is accepted
+DUST = 1e-7  # relative to the largest multiplier: smaller ones are set to zero (interior point)
+# the objective of a relaxed QP is about the price times the violation: with a larger tolerance,
+# steps near the least violation do not lower the merit function, and are refused
 RELAXED_ITERATIONS, RELAXED_TOLERANCE = 100, 1e-7
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Direction:
-    """Step of one quadratic program.
+    """Search direction: solution of the quadratic program of an iterate.
 
     Attributes:
-        step: d, shape (n,).
-        y, z: Multipliers, shape (p,) and (m,).
-        predicted: Inequalities after the step to first order, shape (m,).
-        inner: Inner iterations of the backend in the last round.
-        rows: How many inequalities took part.
-        slack: Violation that a relaxed program left; zero for others.
-        backend: Who solved it.
+        step: Step d, shape (n,).
+        y, z: Multipliers of equalities and inequalities, shape (p,) and (m,).
+        predicted: First-order values of the inequalities after the step, shape (m,).
+        inner: Iterations of the backend in the last QP.
+        rows: Number of inequalities in the last QP.
+        slack: Slack of a relaxed QP; zero otherwise.
+        backend: Name of the backend that solved it.
     """
 
     step: Array
@@ -52,14 +53,15 @@ class Direction:
 
 
 class Subproblem:
-    r"""Quadratic program about one iterate.
+    r"""Quadratic program of one iterate, solved with a working set of inequalities.
 
     .. math:: \min_d \tfrac12 d^T H d + g^T d \quad \text{s.t.} \quad c_E + A d = 0, \;
               c_I + C d \le 0
 
-    Only inequalities near their bounds take part, and of rows alike those that lead (`Jacobian`).
-    Those that the solution violates join, until it violates none by more than a fifth of what is
-    violated now, or after four programs.
+    The first QP contains only inequalities near their bounds, and of groups of nearly parallel rows
+    the largest (`Jacobian.leading`). Inequalities that its solution violates are added and the QP
+    is solved again, until none is violated by more than a fifth of the iterate's violation, at most
+    three times.
     """
 
     def __init__(
@@ -70,45 +72,45 @@ class Subproblem:
         backends: tuple[QPBackend, ...],
         tolerance: float,
     ) -> None:
-        """Hold the expansion.
+        """Quadratic program of an expansion and a Hessian.
 
         Args:
-            lin: First-order expansion.
-            H: Hessian, upper triangle, CSC.
-            keep: Inequalities that take part at first, shape (m,).
-            backends: Asked one after the other until one solves the program.
-            tolerance: Of solutions.
+            lin: First-order expansion at the iterate.
+            H: Hessian of the Lagrangian, upper triangle, CSC.
+            keep: Mask of the inequalities in the first QP, shape (m,).
+            backends: QP solvers, tried in turn until one solves the QP.
+            tolerance: Tolerance of the QP solvers.
         """
         self.lin, self.H, self.keep = lin, H, keep
         self._backends, self._tolerance = backends, tolerance
         self._backend = backends[0]
-        self.inner = 0  # inner iterations of all programs so far
+        self.inner = 0  # iterations of the backends in all QPs so far
 
     def solve(self, *, iterations: int, y: Array, z: Array) -> Direction | None:
-        """Step; None if no backend finds one.
+        """Step of the QP; None if no backend solves it.
 
         Args:
-            iterations: Inner iterations at most.
-            y, z: Multipliers of the last step's program, shape (p,) and (m,).
+            iterations: Largest number of iterations of a backend.
+            y, z: Multipliers of the previous iterate, for a warm start, shape (p,) and (m,).
         """
         lin, keep = self.lin, self.keep
         x, z = np.zeros(len(lin.gradient)), z.copy()
         for rounds in range(1, ROUNDS + 1):
             guess = QPSolution(x, y, z[keep], False, 0, "")
-            solution = self._ask(self._qp(keep), self._tolerance, iterations, guess)
+            solution = self._solved(self._qp(keep), self._tolerance, iterations, guess)
             if solution is None:
                 return None
             x, y, z[keep] = solution.x, solution.y, solution.z
             predicted = lin.C @ solution.x + lin.at.inequalities
-            joined = self._joined(keep, predicted) if rounds < ROUNDS else None
-            if joined is None:
+            enlarged = self._with_violated(keep, predicted) if rounds < ROUNDS else None
+            if enlarged is None:
                 self.keep = keep
                 return self._direction(solution, predicted, 0.0)
-            keep = joined
+            keep = enlarged
         return None
 
-    def _joined(self, keep: Mask, predicted: Array) -> Mask | None:
-        """Rows with those that a step brings near; None if it violates no other one by much."""
+    def _with_violated(self, keep: Mask, predicted: Array) -> Mask | None:
+        """Mask with the rows that a step violates or nearly violates added; None if it suffices."""
         missed = max(DUST, MISSED * self.lin.at.violation)
         over = (predicted > missed) & ~keep
         if not over.any():
@@ -117,16 +119,16 @@ class Subproblem:
         return keep | ((predicted > -ADDED) & leading) if (over & leading).any() else None
 
     def solve_relaxed(self, nonlinear: int, price: float) -> Direction | None:
-        """Step of the program whose nonlinear rows may be violated at a price; None if that fails.
+        """Step of the QP with a slack on its nonlinear rows; None if no backend solves it.
 
         Args:
-            nonlinear: How many of the inequalities are nonlinear.
-            price: Per unit of the largest violation.
+            nonlinear: Number of nonlinear inequalities, which come first.
+            price: Price per unit of the slack.
         """
         mask = np.arange(len(self.keep)) < nonlinear
         qp = self._qp(self.keep).relaxed(mask[self.keep], price)
         tolerance = min(self._tolerance, RELAXED_TOLERANCE)
-        solution = self._ask(qp, tolerance, RELAXED_ITERATIONS, None)
+        solution = self._solved(qp, tolerance, RELAXED_ITERATIONS, None)
         if solution is None:
             return None
         slack = max(float(solution.x[-1]), 0.0)
@@ -135,11 +137,16 @@ class Subproblem:
         return self._direction(shortened, self.lin.C @ x + self.lin.at.inequalities, slack)
 
     def corrected(self, step: Array, inequalities: Array, equalities: Array) -> Array | None:
-        """Step of the program whose constraints have the values found at the end of another step.
+        """Second-order correction (Nocedal & Wright 2006, section 18.3) of a step, shape (n,).
+
+        Solves the last QP again with the constraint values found at the end of the step.
 
         Args:
-            step: That other step, shape (n,).
-            inequalities, equalities: Values at its end.
+            step: Step to correct, shape (n,).
+            inequalities, equalities: Values of the constraints at its end.
+
+        Returns:
+            The corrected step from the iterate; None if the backend does not solve the QP.
         """
         u = -(inequalities - self.lin.C @ step)[self.keep]
         b = -equalities if self.lin.A is None else self.lin.A @ step - equalities
@@ -152,10 +159,10 @@ class Subproblem:
         C, u = lin.C.selected(keep), -lin.at.inequalities[keep]
         return QP(self.H, lin.gradient, lin.A, -lin.at.equalities, C, u)
 
-    def _ask(
+    def _solved(
         self, qp: QP, tolerance: float, iterations: int, warm: QPSolution | None
     ) -> QPSolution | None:
-        """First solution that a backend calls solved and that its rows confirm."""
+        """First solution reported as solved whose rows hold; None if there is none."""
         for backend in self._backends:
             solution = backend.solve(qp, tolerance=tolerance, iterations=iterations, warm=warm)
             self.inner += solution.iterations

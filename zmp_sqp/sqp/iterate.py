@@ -1,4 +1,4 @@
-"""The state of an SQP run between two steps."""
+"""State of an SQP run between two steps: point, multipliers, penalty, curvature, relaxation."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ __all__ = ["CurvatureModel", "Iterate", "Penalty", "Relaxation"]
 
 Mask = npt.NDArray[np.bool_]
 
-DECAY = 0.7  # of the weights per step
-LEAST_WEIGHT = 0.1
-SAFETY = 1.2  # penalty weights over the multipliers' dual norm; any factor above 1 is exact
+DECAY = 0.7  # largest decrease of a penalty weight per step, as a factor
+LEAST_WEIGHT = 0.1  # of any penalty term; multipliers are of order one
+SAFETY = 1.2  # penalty weight per dual norm of the multipliers; with more than 1 it is exact
 
 
 @dataclass(frozen=True, slots=True)
 class Penalty:
-    r"""Exact penalty on the largest nonlinear violation and on the sum of all others.
+    r"""Exact penalty function: largest nonlinear violation, and sums of all other violations.
 
     .. math:: m = f + \varphi + \nu \max_{i \in nonlinear} c_i^+
               + \mu \sum_{i \in linear} c_i^+ + \eta \|c_E\|_1
@@ -32,7 +32,7 @@ class Penalty:
     multipliers (Nocedal & Wright 2006, theorem 18.2).
 
     Attributes:
-        nonlinear, linear, equality: The weights nu, mu, eta.
+        nonlinear, linear, equality: Weights nu, mu, eta.
     """
 
     nonlinear: float = 1.0
@@ -40,22 +40,23 @@ class Penalty:
     equality: float = 1.0
 
     def of(self, inequalities: Array, equalities: Array, count: int) -> float:
-        """The penalty terms of m, with `count` nonlinear inequalities."""
+        """Penalty terms of m; the first `count` inequalities are the nonlinear ones."""
         curved = max(0.0, float(inequalities[:count].max(initial=0.0)))
         linear = float(np.maximum(inequalities[count:], 0.0).sum())
         off = float(np.abs(equalities).sum())
         return self.nonlinear * curved + self.linear * linear + self.equality * off
 
     def merit(self, at: Evaluation, count: int) -> float:
-        """m; infinite where the program could not be evaluated."""
+        """Merit function m; infinite where the program is undefined."""
         if not at.is_finite():
             return np.inf
         return at.objective + at.tie_breaker + self.of(at.inequalities, at.equalities, count)
 
     def raised(self, y: Array, z: Array, count: int) -> Penalty:
-        """Weights above the dual norms of these multipliers.
+        """Penalty with weights above the dual norms of given multipliers.
 
-        Larger ones decay: a single wild multiplier must not shorten all later steps.
+        Larger weights decay, so that one outlier of the multipliers does not shorten all later
+        steps.
         """
         norms = (
             float(z[:count].sum()),
@@ -73,24 +74,24 @@ class Penalty:
 
 @dataclass(frozen=True, slots=True)
 class CurvatureModel:
-    """How the next Hessian departs from the exact one.
+    """Modification of the exact Hessian for the next quadratic program.
 
     Attributes:
-        clipped: Share of negative curvature that is taken away, 0 to 1.
-        held: For how many steps the share is not lowered.
-        damping: Curvature added to all variables (Levenberg and Marquardt).
+        clipped: Share of the negative curvature that is removed, 0 to 1.
+        kept_steps: Number of steps for which the share is not lowered.
+        damping: Curvature added to all variables but the objective's (Levenberg, Marquardt).
     """
 
     clipped: float = 0.5
-    held: int = 0
+    kept_steps: int = 0
     damping: float = 0.0
 
     def damped(self) -> CurvatureModel:
-        """With ten times the damping."""
+        """This model with ten times the damping."""
         return replace(self, damping=max(LEAST_DAMPING, 10.0 * self.damping))
 
     def after_step(self, length: float) -> CurvatureModel:
-        """Damping grows after a short step and fades after full ones."""
+        """Model after a step of given length: more damping if it is short, less if it is full."""
         if length <= SHORT_STEP:
             return self.damped()
         if length < 1.0:
@@ -99,19 +100,20 @@ class CurvatureModel:
         return replace(self, damping=faded if faded >= FADED_DAMPING else 0.0)
 
 
-SHORT_STEP = 0.3  # after a shorter one the next model is damped
-LEAST_DAMPING = 1e-3  # variables are of order one
-FADED_DAMPING = 1e-7  # counts as none
+SHORT_STEP = 0.3  # step length up to which the damping is increased
+LEAST_DAMPING = 1e-3  # smallest damping after an increase; variables are of order one
+FADED_DAMPING = 1e-7  # smaller damping is set to zero
 
 
 @dataclass(frozen=True, slots=True)
 class Relaxation:
-    """Steps of relaxed quadratic programs, where the exact ones have no solution.
+    """State of the relaxation of infeasible quadratic programs.
 
     Attributes:
-        active: Whether the last step was one that left a violation.
-        price: Of the violation.
-        violations: After each relaxed step of an unbroken series, per unit of the objective.
+        active: Whether the last step was relaxed and left a slack, so that the next QP is relaxed
+            at once.
+        price: Price of the slack.
+        violations: Violation over objective after each step of an unbroken series of relaxed steps.
     """
 
     active: bool = False
@@ -121,22 +123,24 @@ class Relaxation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Iterate:
-    """A point of a nonlinear program, with all that the next step depends on.
+    """Point of a nonlinear program with all data that the next step depends on.
 
     Attributes:
-        point: The program's own value.
+        point: Point, of the program's own type.
         lin: First-order expansion there; its inequalities contain `excess`.
-        y, z: Multipliers of equalities and inequalities.
-        excess: What is added to the nonlinear inequalities because they exceed it between the
-            places they are imposed at, shape (nonlinear,); None as long as nothing is added.
-        penalty: Weights of the merit function.
-        model: Of the next Hessian.
-        relaxation: Of the quadratic program.
-        number: How many steps led here.
-        step: Change of the inequalities by the last step, absolute, shape (m,); None at first.
-        change: Relative change of the objective's square root by the last full step, or None.
-        finishing: Whether the next step only closes what is still violated.
-        verdict: Why the run ends here; None if it goes on.
+        y, z: Multipliers of equalities and inequalities, shape (p,) and (m,).
+        excess: Amounts added to the nonlinear inequalities for their violation between the points
+            where they are imposed, shape (nonlinear,); None as long as nothing is added.
+        penalty: Penalty function of the line search.
+        model: Modification of the next Hessian.
+        relaxation: State of the relaxation.
+        number: Number of iterations so far.
+        step: Absolute change of the inequalities predicted for the last step, shape (m,); None at
+            first.
+        change: Relative change of the objective's square root by the last step; None if that was
+            not a full step.
+        finishing: Whether the next step only closes the remaining violation.
+        verdict: Status with which the run ends here; None if it goes on.
     """
 
     point: Any
@@ -159,11 +163,11 @@ class Iterate:
         return self.lin.at.violation
 
     def is_feasible(self, tolerance: Array, equality: float) -> bool:
-        """Whether inequalities hold to a tolerance each, equalities to one for all."""
+        """Whether inequalities hold to a tolerance (m,), and equalities to one tolerance."""
         return is_feasible(self.lin.at, tolerance, equality)
 
 
 def is_feasible(at: Evaluation, tolerance: Array, equality: float) -> bool:
-    """Whether inequalities hold to a tolerance each, equalities to one for all."""
+    """Whether inequalities hold to a tolerance (m,), and equalities to one tolerance."""
     kept = bool((at.inequalities <= tolerance).all())
     return kept and float(np.abs(at.equalities).max(initial=0.0)) <= equality

@@ -1,4 +1,4 @@
-"""Feasibility at a given objective, by shortest steps onto the linearised constraints."""
+"""Feasible point at a given objective, by least-distance steps onto linearised constraints."""
 
 from __future__ import annotations
 
@@ -18,25 +18,27 @@ __all__ = ["Nearest", "nearest_feasible"]
 
 Mask = npt.NDArray[np.bool_]
 
-STEPS = 6  # at most
-INNER = 20  # iterations of an interior-point method: more mean that there is no solution
-ROUNDS = 3  # of adding rows that a step violates
-NEAR = 0.05  # rows nearer to their bound than this take part ...
-REACH = 0.5  # ... and at first those within this share of the violation more
-MISSED = 0.1  # of the violation: rows that a step misses by less wait for the next one
-# violation after the first step, relative to before, and after every later one: with less
+STEPS = 6  # QPs after which the search gives up
+INNER = 20  # iterations of an interior-point method at most: infeasible QPs do not converge
+ROUNDS = 3  # QPs per step at most, each with the rows added that the last solution violates
+NEAR = 0.05  # distance from the bound below which rows are in the QP
+REACH = 0.5  # in the first QP that distance is larger by this share of the violation
+MISSED = 0.1  # predicted violation of a row, relative to the current one, that needs another QP
+# largest ratio of the violations after and before the first step, and any later step: with less
 # contraction no feasible point is near
 FIRST_CONTRACTION, CONTRACTION = 0.6, 0.35
-SMALL = 3e-2  # violation after the first step that may contract less
-CHORD = 2e-3  # violation from which on the last program is solved again with the values found
-EXCESS_BELOW = 1e-3  # violation below which rows between their places are looked at
-EXCESS_FACTOR, EXCESS_GUARD = 1.05, 2e-6
+SMALL = 3e-2  # violation after the first step up to which its contraction does not matter
+# violation up to which a step keeps the last QP's matrices (simplified Newton method)
+SIMPLIFIED_BELOW = 2e-3
+EXCESS_BELOW = 1e-3  # violation of nonlinear rows below which their excess is added
+EXCESS_FACTOR, EXCESS_GUARD = 1.05, 2e-6  # the excess is added times this factor plus this guard
+# tolerance of QPs: a share of the violation, within bounds
 QP_SHARE, LEAST_TOLERANCE, LARGEST_TOLERANCE = 1e-2, 1e-8, 1e-3
-EQUALITY = 2e-7
+EQUALITY = 2e-7  # largest violation of an equality at a feasible point
 
 
 class MetricProgram(NonlinearProgram, Protocol):
-    """A program that can say how long a step is."""
+    """Nonlinear program with a metric for the length of steps."""
 
     def metric(self) -> Any:
         """Matrix H of the squared length d'Hd of steps, upper triangle, CSC, shape (n, n)."""
@@ -44,17 +46,17 @@ class MetricProgram(NonlinearProgram, Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Nearest:
-    """Where shortest steps led.
+    """Result of `nearest_feasible`.
 
     Attributes:
-        point: The last point.
-        feasible: Whether it satisfies the constraints.
-        at: Values there.
-        excess: What was added to the nonlinear rows, or None.
-        steps: Quadratic programs solved.
-        inner: Their inner iterations.
-        rows: Inequalities that took part in the last one.
-        backend: Who solved the last one; empty if there was none.
+        point: Last point of the search.
+        feasible: Whether it satisfies the constraints, or `enough` of the search.
+        at: Values there, `excess` included.
+        excess: Amounts added to the nonlinear rows, shape (nonlinear,), or None.
+        steps: Number of QPs solved.
+        inner: Iterations of the backend in all of them.
+        rows: Number of inequalities in the last QP.
+        backend: Name of the backend that solved the last QP; empty if there was none.
     """
 
     point: Any
@@ -70,25 +72,30 @@ class Nearest:
 def nearest_feasible(
     program: MetricProgram, point: Any, backend: QPBackend, *, enough: float = 0.0
 ) -> Nearest:
-    r"""Feasible point with the objective of a given one, by shortest steps.
+    r"""Feasible point with the objective of a given point, by least-distance steps.
+
+    Each step d solves
 
     .. math:: \min d^T H d \quad \text{s.t.} \quad c_E + A d = 0, \; c_I + C d \le 0, \; d_n = 0
 
-    The last variable is the objective, which stays. The method gives up as soon as a step does not
-    lower the violation enough: it is meant to decide quickly.
+    The last variable is the objective, which is kept. The search gives up as soon as a step does
+    not lower the violation enough: it is meant to decide quickly.
 
     Args:
-        program: The program.
-        point: From where to start.
-        backend: Solves quadratic programs.
+        program: Nonlinear program with a metric H.
+        point: Initial point.
+        backend: Solver of the QPs.
         enough: Violation with which the search may end; 0 asks for a feasible point.
+
+    Returns:
+        The last point; `feasible` tells whether the search succeeded.
     """
     search = _Search(program, backend, enough)
     return search.run(point)
 
 
 class _Search:
-    """State of one search."""
+    """State of one call of `nearest_feasible`."""
 
     def __init__(self, program: MetricProgram, backend: QPBackend, enough: float) -> None:
         self.program, self.backend, self.enough = program, backend, enough
@@ -97,12 +104,12 @@ class _Search:
         self.excess: Array | None = None
         self.steps = self.inner = 0
         self.solved_by = ""
-        self.tolerance = 0.0  # of the last program
-        self.chord: tuple[Any, Any, Any, Array] | None = None  # lin, point, C, last step
+        self.tolerance = 0.0  # of the last QP
+        self.last_qp: tuple[Any, Any, Any, Array] | None = None  # lin, point, C, last step
 
     def run(self, point: Any) -> Nearest:
         program, violations = self.program, list[float]()
-        after_chord = False
+        after_simplified = False
         while True:
             at = self._values(point)
             violations.append(at.violation)
@@ -110,15 +117,15 @@ class _Search:
             feasible = near_enough or is_feasible(at, program.tolerance, EQUALITY)
             if feasible or self.steps >= STEPS or not at.is_finite():
                 break
-            may_help = self.tolerance < at.violation <= CHORD and not after_chord
-            if self.chord is not None and may_help:
-                moved = self._chord_step(at)
+            may_help = self.tolerance < at.violation <= SIMPLIFIED_BELOW and not after_simplified
+            if self.last_qp is not None and may_help:
+                moved = self._simplified_step(at)
                 if moved is not None:
-                    point, after_chord = moved, True
+                    point, after_simplified = moved, True
                     continue
-            if not after_chord and not _contracts(violations):
+            if not after_simplified and not _contracts(violations):
                 break
-            moved, after_chord = self._step(point, at), False
+            moved, after_simplified = self._step(point, at), False
             if moved is None:
                 break
             point = moved
@@ -143,7 +150,7 @@ class _Search:
         return replace(at, inequalities=inequalities)
 
     def _step(self, point: Any, at: Evaluation) -> Any | None:
-        """Point after the shortest step onto the linearised constraints; None if there is none."""
+        """Point after the least-distance step; None if the QP is not solved."""
         program = self.program
         lin = program.linearize(point)
         reach = NEAR + (REACH * at.violation if self.keep is None else 0.0)
@@ -173,18 +180,21 @@ class _Search:
             keep = keep | ((predicted > -NEAR) & leading)
             keep[-1] = False
         self.keep = keep
-        self.chord = lin, point, None, step
+        self.last_qp = lin, point, None, step
         return program.moved(lin, point, step)
 
     def _count(self, solution: QPSolution) -> None:
         self.steps, self.inner = self.steps + 1, self.inner + solution.iterations
         self.solved_by = solution.backend
 
-    def _chord_step(self, at: Evaluation) -> Any | None:
-        """Point after the last program, solved again with the values that its step led to."""
-        assert self.chord is not None
+    def _simplified_step(self, at: Evaluation) -> Any | None:
+        """Point after solving the last QP with the constraint values found after its step.
+
+        This is a step of the simplified Newton method; None if the QP is not solved.
+        """
+        assert self.last_qp is not None
         assert self.keep is not None
-        lin, point, _, step = self.chord
+        lin, point, _, step = self.last_qp
         u = -(at.inequalities - lin.C @ step)[self.keep]
         b = -at.equalities if lin.A is None else lin.A @ step - at.equalities
         solution = self.backend.solve_again(u, b)
@@ -195,7 +205,7 @@ class _Search:
 
 
 def _contracts(violations: list[float]) -> bool:
-    """Whether the last step lowered the violation enough to go on."""
+    """Whether the last step lowered the violation enough to continue."""
     if len(violations) < 2:
         return True
     before, now = violations[-2:]

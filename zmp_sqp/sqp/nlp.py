@@ -1,4 +1,4 @@
-"""The nonlinear program that the SQP solves, as a protocol and the values that cross it."""
+"""Protocol of the nonlinear programs that the SQP solves, and the values they return."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ Mask = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Evaluation:
-    """Values of a nonlinear program at one point.
+    """Values of objective and constraints of a nonlinear program at one point.
 
     Attributes:
-        objective: f, which the program minimises.
-        tie_breaker: Small second objective phi that picks one of many minimisers: f + phi is
+        objective: Objective f.
+        tie_breaker: Small second objective phi that picks one of many minimisers of f: f + phi is
             minimised.
-        equalities: Shape (p,); feasible iff zero.
-        inequalities: Shape (m,), the nonlinear ones first; feasible iff not positive.
-        memory: What the program keeps for `excess`.
+        equalities: c_E, shape (p,); zero at a feasible point.
+        inequalities: c_I, shape (m,), the nonlinear ones first; not positive at a feasible point.
+        memory: Data of the program for its method `excess`.
     """
 
     objective: float
@@ -36,12 +36,12 @@ class Evaluation:
 
     @property
     def violation(self) -> float:
-        """Largest violation of any constraint."""
+        """Largest violation of any constraint, absolute."""
         equality = float(np.abs(self.equalities).max(initial=0.0))
         return max(equality, float(self.inequalities.max(initial=0.0)))
 
     def is_finite(self) -> bool:
-        """Whether the program could be evaluated here."""
+        """Whether all values are finite, so that the program is defined at the point."""
         objective = self.objective + self.tie_breaker
         with np.errstate(invalid="ignore"):
             total = objective + self.equalities.sum() + self.inequalities.sum()
@@ -50,14 +50,14 @@ class Evaluation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Linearization:
-    """First-order expansion of a nonlinear program, by the variables of its quadratic programs.
+    """First-order expansion of a nonlinear program by the variables of its quadratic programs.
 
     Attributes:
-        at: The values at the point.
-        gradient: Of objective and tie breaker, shape (n,).
+        at: Values at the point.
+        gradient: Gradient of f + phi, shape (n,).
         A: Jacobian of the equalities, CSC, shape (p, n); None if there are none.
         C: Jacobian of the inequalities, shape (m, n).
-        memory: What the program keeps for its Hessian.
+        memory: Data of the program for its method `hessian`.
     """
 
     at: Evaluation
@@ -68,32 +68,33 @@ class Linearization:
 
 
 class Jacobian(Protocol):
-    """Derivatives of m inequalities by n variables, of which quadratic programs see some rows."""
+    """Jacobian of m inequalities by n variables, of which quadratic programs use some rows."""
 
     def __matmul__(self, step: Array) -> Array:
-        """Change of all inequalities by a step (n,) to first order, shape (m,)."""
+        """First-order change of all inequalities by a step (n,), shape (m,)."""
 
     def selected(self, mask: Mask) -> Any:
-        """The rows of a mask (m,), CSC."""
+        """Rows selected by a mask (m,), CSC."""
 
     def leading(self, values: Array) -> Mask:
-        """Rows that join quadratic programs before others that are like them, shape (m,).
+        """Mask (m,) of the rows that quadratic programs may use at given values.
 
-        Among many rows alike those with the largest values lead; where no rows are alike, all do.
-        The others join when a step makes them the largest ones.
+        Where a program has groups of nearly parallel rows, such as one constraint at many payload
+        corners, only the row with the largest value of each group is selected. Others follow when a
+        step makes them the largest. Without such groups all rows are selected.
 
         Args:
-            values: Of the inequalities at a point, or predicted, shape (m,).
+            values: Values of the inequalities at a point, or predicted ones, shape (m,).
         """
 
 
 class NonlinearProgram(Protocol):
-    r"""A program :math:`\min f + \varphi` subject to :math:`c_E = 0, \; c_I \le 0`.
+    r"""Nonlinear program :math:`\min f + \varphi` subject to :math:`c_E = 0, \; c_I \le 0`.
 
-    Points are values of the program's own: the SQP moves from one to the next by steps d of n
-    variables, and never looks inside. The first `nonlinear` inequalities are the nonlinear ones;
-    only those are relaxed where a quadratic program has no solution. The last inequality bounds the
-    objective from below.
+    Points are of a type that the program chooses; the SQP passes them on without using their
+    content, and gets from one to the next by `moved` with a step d of n variables. The first
+    `nonlinear` inequalities are the nonlinear ones, which alone are relaxed where a quadratic
+    program is infeasible. The last inequality bounds the objective from below.
     """
 
     @property
@@ -106,7 +107,7 @@ class NonlinearProgram(Protocol):
 
     @property
     def nonlinear(self) -> int:
-        """How many of the inequalities, from the first on, are nonlinear."""
+        """Number of nonlinear inequalities, which come first."""
 
     @property
     def equalities(self) -> int:
@@ -117,10 +118,10 @@ class NonlinearProgram(Protocol):
         """Largest violation of each inequality at a solution, shape (m,)."""
 
     def evaluate(self, point: Any) -> Evaluation:
-        """Values at a point."""
+        """Values of objective and constraints at a point."""
 
     def linearize(self, point: Any) -> Linearization:
-        """Values and first derivatives at a point."""
+        """Values and first derivatives of objective and constraints at a point."""
 
     def hessian(
         self, lin: Linearization, y: Array, z: Array, *, clipped: float, damping: float
@@ -128,34 +129,36 @@ class NonlinearProgram(Protocol):
         """Hessian of the Lagrangian f + phi + y.c_E + z.c_I, upper triangle, CSC, shape (n, n).
 
         Args:
-            lin: The expansion at the point.
-            y, z: Multipliers of equalities and inequalities.
-            clipped: Share of negative curvature that is taken away: with 1 the matrix is positive
+            lin: First-order expansion at the point.
+            y, z: Multipliers of equalities and inequalities, shape (p,) and (m,).
+            clipped: Share of the negative curvature that is removed: with 1 the matrix is positive
                 semi-definite, with 0 it is exact.
-            damping: Added curvature of all variables but the objective's own.
+            damping: Curvature added to all variables but the objective's (Levenberg, Marquardt).
         """
 
     def moved(self, lin: Linearization, point: Any, step: Array) -> Any:
-        """The point after a step d, shape (n,)."""
+        """Point after a step d, shape (n,), from the point of an expansion."""
 
     def decisive(self, point: Any, *, early: bool) -> Mask:
-        """Rows, shape (m,), that take part in quadratic programs far from feasibility.
+        """Mask (m,) of rows that quadratic programs must contain far from feasibility.
 
         Args:
-            point: The point.
-            early: Whether it is one of the first iterations.
+            point: Point of the iterate.
+            early: Whether the iterate is one of the first, for which more rows are selected.
         """
 
     def excess(self, point: Any, at: Evaluation, *, fine: bool) -> Array | None:
-        """What nonlinear rows exceed their values by between the places they are imposed at.
+        """Excess of nonlinear rows between the points where they are imposed.
 
-        Shape (nonlinear,), not negative; None if there is no between.
+        Constraints that hold for all times are imposed at some times only; the excess is the amount
+        by which they may be violated in between. Not negative, shape (nonlinear,); None if there is
+        nothing in between.
 
         Args:
-            point: The point.
+            point: Point of the iterate.
             at: Values there.
-            fine: Whether to look closely.
+            fine: Whether to sample densely.
         """
 
     def optimality_gap(self, point: Any) -> float:
-        """Proven bound on how far f is above its optimum, relative; infinite if unknown."""
+        """Proven bound on the relative distance of f from its minimum; infinite if unknown."""

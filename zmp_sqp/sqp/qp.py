@@ -1,4 +1,4 @@
-"""A quadratic program, its solution, and the residuals that prove the solution."""
+"""Quadratic program, its solution, and the KKT residuals that verify the solution."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ class QP:
     .. math:: \min_x \tfrac12 x^T H x + g^T x \quad \text{s.t.} \quad A x = b, \; C x \le u
 
     Attributes:
-        H: Upper triangle of a symmetric matrix, CSC, shape (n, n).
-        g: Shape (n,).
-        A: CSC, shape (p, n); None without equalities.
-        b: Shape (p,).
-        C: CSC, shape (m, n).
-        u: Shape (m,).
+        H: Upper triangle of the Hessian, CSC, shape (n, n).
+        g: Gradient at x = 0, shape (n,).
+        A: Matrix of the equalities, CSC, shape (p, n); None without equalities.
+        b: Right-hand side of the equalities, shape (p,).
+        C: Matrix of the inequalities, CSC, shape (m, n).
+        u: Upper bounds of the inequalities, shape (m,).
     """
 
     H: Any
@@ -44,30 +44,34 @@ class QP:
         return len(self.g)
 
     def is_finite(self) -> bool:
-        """Whether no NaN and no infinity stands in the data.
+        """Whether all data are finite.
 
-        Backends ask before they solve: some do not check, and run to their caps or worse.
+        To be checked before a solver is called: some do not check, and run to their iteration
+        limits or crash.
         """
         parts = [self.H.data, self.C.data, self.g, self.b, self.u]
         if self.A is not None:
             parts.append(self.A.data)
-        # a sum is finite only if all entries are, and faster to look at
+        # a sum is finite only if all terms are, and testing it is faster than testing each
         with np.errstate(invalid="ignore"):
             return all(bool(np.isfinite(part.sum())) for part in parts)
 
     def dense(self) -> tuple[Array, Array, Array]:
-        """H in full, A and C as arrays, for solvers of dense quadratic programs."""
+        """Full symmetric H, A and C as dense arrays."""
         upper = self.H.toarray()
         H = upper + upper.T - np.diag(np.diag(upper))
         A = np.zeros((0, self.size)) if self.A is None else self.A.toarray()
         return H, np.ascontiguousarray(A), np.ascontiguousarray(self.C.toarray())
 
     def relaxed(self, nonlinear: Mask, price: float) -> QP:
-        """With one more variable t >= 0 that relaxes some rows at a price.
+        r"""Elastic form: nonlinear rows become C x - t <= u with a slack t >= 0 that costs a price.
 
         Args:
-            nonlinear: Which rows are relaxed, mask of shape (m,).
-            price: Of t.
+            nonlinear: Mask of the rows that are relaxed, shape (m,).
+            price: Cost per unit of t, added to the objective.
+
+        Returns:
+            QP in (x, t), whose last inequality is -t <= 0.
         """
         H = sp.block_diag([self.H, sp.csc_matrix([[SLACK_CURVATURE]])], format="csc")
         A = self.A
@@ -79,20 +83,20 @@ class QP:
         return QP(H, np.append(self.g, price), A, self.b, C, np.append(self.u, 0.0))
 
 
-SLACK_CURVATURE = 1e-8  # keeps the relaxed program's Hessian positive definite
+SLACK_CURVATURE = 1e-8  # of the slack t: keeps the relaxed Hessian positive definite
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class QPSolution:
-    """What a backend answers; whether it can be believed is what `residuals` tell.
+    """Answer of a backend to a QP; `residuals` verify it.
 
     Attributes:
         x: Minimiser, shape (n,).
         y: Multipliers of A x = b, shape (p,).
         z: Multipliers of C x <= u, not negative, shape (m,).
-        solved: Whether the backend says that it converged.
-        iterations: Inner iterations of the backend.
-        backend: Its name.
+        solved: Whether the backend reports convergence.
+        iterations: Iterations of the backend.
+        backend: Name of the backend.
     """
 
     x: Array
@@ -104,17 +108,17 @@ class QPSolution:
 
     @classmethod
     def nothing(cls, qp: QP, backend: str, iterations: int = 0) -> QPSolution:
-        """What a backend answers when it has nothing to offer: not finite."""
+        """Answer of a backend without a solution: all values NaN, not solved."""
         x, y, z = (np.full(count, np.nan) for count in (qp.size, len(qp.b), len(qp.u)))
         return cls(x, y, z, False, iterations, backend)
 
     def is_finite(self) -> bool:
-        """Whether all of it are numbers."""
+        """Whether x, y and z are finite."""
         with np.errstate(invalid="ignore"):
             return bool(np.isfinite(self.x.sum() + self.y.sum() + self.z.sum()))
 
     def residuals(self, qp: QP) -> tuple[float, float]:
-        r"""Primal and dual residuals, independent of what the backend reports.
+        r"""Primal and dual residuals of the KKT conditions, computed from the QP's own data.
 
         .. math::
             r_p = \max(\|A x - b\|_\infty, \|(C x - u)^+\|_\infty), \quad

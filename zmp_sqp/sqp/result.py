@@ -1,4 +1,4 @@
-"""What an SQP run leaves behind: status, history, solution."""
+"""Result of an SQP run: status, last point with multipliers, record of each iteration."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["IterationRecord", "SQPResult", "SQPStatus"]
 
 
 class SQPStatus(enum.Enum):
-    """Why the SQP stopped."""
+    """Why the SQP stopped; values are phrases for messages."""
 
     OPTIMAL = "feasible, and the objective has stopped falling"
     BOUND_REACHED = "feasible, and the objective stands at its proven lower bound"
@@ -28,26 +28,26 @@ class SQPStatus(enum.Enum):
 
     @property
     def is_feasible(self) -> bool:
-        """Whether the point satisfies the constraints."""
+        """Whether the last point satisfies the constraints."""
         return self in (SQPStatus.OPTIMAL, SQPStatus.BOUND_REACHED, SQPStatus.FEASIBLE)
 
 
 @dataclass(frozen=True, slots=True)
 class IterationRecord:
-    """One iteration.
+    """Record of one SQP iteration.
 
     Attributes:
-        iteration: Counted from 1.
-        backend: Which one solved the QP.
-        inner_iterations: Of all QPs of the iteration.
-        rows: Inequalities that took part in the last QP.
-        relaxed: Whether the QP had to be relaxed.
+        iteration: Number of the iteration, from 1.
+        backend: Name of the backend that solved the QP.
+        inner_iterations: Iterations of the backend in all QPs of the iteration.
+        rows: Number of inequalities in the last QP.
+        relaxed: Whether the nonlinear rows of the QP were relaxed.
         curvature: Whether the curvature of the constraints was in the Hessian.
         corrected: Whether the accepted step is a second-order correction.
         objective: f after the step.
         violation: Largest constraint violation after the step.
         step: Accepted step length, 0 to 1; 0 if no step was taken.
-        time: Since the start of the run [s].
+        time: Wall time since the start of the run [s].
     """
 
     iteration: int
@@ -65,13 +65,14 @@ class IterationRecord:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SQPResult:
-    """Last iterate with its multipliers.
+    """Last point of an SQP run with its multipliers.
 
     Attributes:
-        point: The program's own value.
-        y: Multipliers of the equalities.
-        z: Multipliers of the inequalities.
-        excess: What was added to the nonlinear inequalities, or None.
+        point: Point, of the program's own type.
+        y: Multipliers of the equalities, shape (p,).
+        z: Multipliers of the inequalities, shape (m,).
+        excess: Amounts added to the nonlinear inequalities, shape (nonlinear,), see
+            `NonlinearProgram.excess`; None if nothing was added.
         status: Why the run stopped.
         at: Values at the point, without `excess`.
         history: One record per iteration.

@@ -1,4 +1,4 @@
-"""Sparse matrices whose pattern is fixed while their entries change from iterate to iterate."""
+"""Sparse matrices with a fixed pattern, and Jacobians from which rows are selected."""
 
 from __future__ import annotations
 
@@ -17,20 +17,21 @@ Mask = npt.NDArray[np.bool_]
 
 
 class Pattern:
-    """Where the entries of a sparse matrix stand: made once, used for every set of entries.
+    """Sparsity pattern of a matrix that is assembled many times from lists of entries.
 
-    Entries may repeat a place, where they add up, or have a negative row or column, where they are
-    dropped: columns of variables that are given are simply left out this way.
+    Entries with equal row and column are summed. Entries with a negative row or column are dropped;
+    columns of quantities that are no variables are left out this way.
     """
 
     def __init__(
         self, rows: Indices, columns: Indices, shape: tuple[int, int], *, upper: bool = False
     ) -> None:
-        """Sort the entries by column.
+        """Compute the CSC structure.
 
         Args:
-            rows, columns: Of the entries, in the order they will be given in, shape (E,) each.
-            shape: Of the matrix.
+            rows, columns: Row and column of each entry, in the order of the entries that `data`
+                will be given, shape (E,) each.
+            shape: Shape of the matrix.
             upper: Whether only the upper triangle is kept.
         """
         kept = (rows >= 0) & (columns >= 0)
@@ -38,52 +39,52 @@ class Pattern:
             kept &= rows <= columns
         self.shape = shape
         index = np.flatnonzero(kept)
-        keys, place = np.unique(
+        keys, slot = np.unique(
             columns[index].astype(np.int64) * shape[0] + rows[index], return_inverse=True
         )
         self.indices = (keys % shape[0]).astype(np.int32)
         starts = np.searchsorted(keys // shape[0], np.arange(shape[1] + 1))
         self.indptr = starts.astype(np.int32)
-        self._place = None if len(keys) == len(index) else place
-        # where every entry has a place of its own, sorting is a mere permutation
-        self._index = index[np.argsort(place)] if self._place is None else index
+        self._slot = None if len(keys) == len(index) else slot
+        # without repeated entries, assembly is a permutation
+        self._index = index[np.argsort(slot)] if self._slot is None else index
 
     def data(self, entries: Array) -> Array:
-        """Entries in the order of the columns, repeated ones added up.
+        """CSC data of the matrix: entries sorted by column, repeated ones summed.
 
         Args:
-            entries: In the order of the constructor's rows and columns, shape (E,).
+            entries: Entries in the order of the constructor's rows and columns, shape (E,).
         """
         kept = entries[self._index]
-        if self._place is None:
+        if self._slot is None:
             return kept
-        return np.bincount(self._place, kept, len(self.indices)).astype(float, copy=False)
+        return np.bincount(self._slot, kept, len(self.indices)).astype(float, copy=False)
 
     def matrix(self, data: Array) -> sp.csc_matrix:
-        """The CSC matrix with entries as `data` returns them."""
+        """CSC matrix with data from `data`."""
         return sp.csc_matrix((data, self.indices, self.indptr), shape=self.shape)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rows:
-    """Rows of a Jacobian, some of which take part in a quadratic program.
+    """Jacobian of inequalities as a sparse matrix, without groups of parallel rows.
 
     Attributes:
-        matrix: CSC, shape (m, n).
+        matrix: The Jacobian, CSC, shape (m, n).
     """
 
     matrix: Any
 
     def __matmul__(self, step: Array) -> Array:
-        """Change of the rows' values by a step, shape (m,)."""
+        """First-order change of all inequalities by a step (n,), shape (m,)."""
         return np.asarray(self.matrix @ step)
 
     def leading(self, values: Array) -> Mask:
-        """All rows: none are alike, see `Jacobian`."""
+        """Mask of all rows, because there are no groups; see `Jacobian.leading`."""
         return np.ones(len(values), dtype=bool)
 
     def selected(self, mask: Mask) -> sp.csc_matrix:
-        """The rows of a mask (m,), CSC."""
+        """Rows selected by a mask (m,), CSC."""
         if mask.all():
             return self.matrix
         matrix = self.matrix

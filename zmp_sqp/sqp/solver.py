@@ -1,4 +1,4 @@
-"""The SQP: clipped exact curvature, screened sparse programs, line search, practical stop."""
+"""Sequential quadratic programming with exact Hessians, line search and feasibility relaxation."""
 
 from __future__ import annotations
 
@@ -19,59 +19,66 @@ from zmp_sqp.sqp.result import IterationRecord, SQPResult, SQPStatus
 __all__ = ["SQP", "SQPSettings"]
 
 ARMIJO_SLOPE = 1e-4  # Nocedal & Wright 2006, eq. (3.4)
-SHORTEST_STEP = 1e-3
-MOST_CORRECTIONS = 2  # of a refused step, while each halves the violation
-ROUNDING = 1e-11  # of the merit function, relative: differences below are noise
-WRONG_WAY = 1e-6  # predicted increase of the merit function that a step of a clipped model may have
-CURVED = 1e-4  # least sum of multipliers for which curvature counts
-# clipping of negative curvature: whole for the first iterations and far from feasibility, then less
-# and less while steps are full; all curvature is kept where steps creep
-WHOLLY_CLIPPED = 2  # iterations
-CLIPPED_ABOVE = 0.2  # violation
-LEAST_CLIPPED = 0.3
-LEAST_CLIPPED_LATER = 0.1  # after a step that was refused or hard to find
-CREEPING = 3e-3  # change of the objective below which a step that halves no change creeps
-# after a program that was not convex enough: first this share, then all
-CLIPPED_AGAIN = 0.5
-HELD = 1  # steps for which the share stays then
-INNER, INNER_CONVEX = 30, 60  # iterations of an interior-point method: more mean indefiniteness
-HARD = 28  # inner iterations of a program that was hard to solve
-# screening: rows nearer to their bound than this, and what the last step moved them by, take part
+SHORTEST_STEP = 1e-3  # of the line search, relative to the full step
+MOST_CORRECTIONS = 2  # second-order corrections of a refused step, while each halves the violation
+ROUNDING = 1e-11  # relative rounding error of the merit function
+# largest predicted increase of the merit function by a step of a partly clipped model
+ALLOWED_INCREASE = 1e-6
+CURVED = 1e-4  # least sum of multipliers for which their curvature is in the Hessian
+# share of negative curvature that is clipped: all of it in the first iterations and far from
+# feasibility, then half as much after each full step, down to zero where convergence is slow
+WHOLLY_CLIPPED = 2  # first iterations with full clipping
+CLIPPED_ABOVE = 0.2  # violation above which clipping is full
+LEAST_CLIPPED = 0.3  # smallest share while convergence is fast
+LEAST_CLIPPED_LATER = 0.1  # smallest share after a shortened, twice corrected or costly step
+CREEPING = 3e-3  # convergence is slow if the change is below this and above half of the last change
+CLIPPED_AGAIN = 0.5  # share after a QP that was not convex enough; if that fails, all is clipped
+KEPT_STEPS = 1  # number of following steps for which that share is not lowered
+# iterations of an interior-point method at most: indefinite QPs do not converge, convex ones need
+# fewer
+INNER, INNER_CONVEX = 30, 60
+MANY_INNER = 28  # iterations of the QP solver that count as costly
+# screening: a row is in the QP if its distance from its bound is below this value plus the row's
+# change in the last step; in the first step of a resumed run, and in relaxed QPs, it is larger
 NEAR = 0.08
 FIRST_NEAR = 0.2
 RELAXED_NEAR = 0.5
-DECISIVE_ABOVE = 3e-3  # violation from which on the program's decisive rows take part
-# tolerance of quadratic programs: a share of the violation within bounds
+DECISIVE_ABOVE = 3e-3  # violation above which the QP contains the program's `decisive` rows
+# tolerance of QPs: a share of the violation, within bounds
 QP_SHARE, LEAST_TOLERANCE, LARGEST_TOLERANCE = 1e-2, 1e-8, 1e-4
+# damping at which the run gives up: after refused steps, and after QPs that no backend solved
 LARGEST_DAMPING, LARGEST_QP_DAMPING = 1e2, 10.0
-LARGEST_PRICE = 1e5
-UNDAMPED = 1e-4  # a step that was damped by more says nothing about convergence
-# infeasible: over so many relaxed steps the violation has not fallen below this share of itself
+LARGEST_PRICE = 1e5  # of the slack; a QP with a larger sum of multipliers counts as infeasible
+UNDAMPED = 1e-4  # damping above which a small change is no sign of convergence
+# relaxed steps are stuck if over this many of them the violation stays above this share of itself
+# and above this value
 PATIENCE, PATIENCE_SHARE, PATIENCE_VIOLATION = 3, 0.9, 1e-3
-DEAR = 300.0  # price at which even a far slower motion would be found if it were less violated
-SLOWEST = 0.9  # ratio of changes that is believed, where steps creep
-LEFT = 1e-3  # of the violation: a smaller slack counts as none
-LEAST_OBJECTIVE = 1e-8
-EXCESS_FACTOR, EXCESS_GUARD = 1.05, 2e-6  # by which lagged excess is exaggerated
+# price at which being stuck means infeasible: it outweighs any increase of the objective, so that a
+# less violated point with a far larger objective would have been found
+INFEASIBLE_PRICE = 300.0
+LARGEST_RATIO = 0.9  # of successive changes, in the extrapolation of the remaining change
+NEGLIGIBLE_SLACK = 1e-3  # relative to the violation: a smaller slack counts as none
+LEAST_OBJECTIVE = 1e-8  # smallest divisor of relative changes
+# the excess added to rows is that of the previous iterate, times this factor and plus this guard
+EXCESS_FACTOR, EXCESS_GUARD = 1.05, 2e-6
 
 
 @dataclass(frozen=True, slots=True)
 class SQPSettings:
-    """When to stop and what to spend.
+    """Stopping criteria and limits of an SQP run.
 
     Attributes:
-        optimality: Largest predicted decrease of the objective at a solution.
-        converged: Relative change of the objective's square root that ends the run: by a full step,
-            and by those that would follow it if changes fell on as they did.
-        closable: Largest violation that one finishing step closes.
-        coarse: Violation with which the run may end as COARSE; 0 asks for a solution.
-        excess_from: Change below which what rows exceed between their places is added to them; 0
-            never.
+        optimality: Largest predicted decrease of the merit function at a solution.
+        converged: Relative change of the objective's square root that ends the run. It is the
+            change by a full step plus the extrapolated changes by all steps that would follow.
+        closable: Largest violation for which one finishing step is tried.
+        coarse: Violation below which the run may end as COARSE; 0 asks for a solution.
+        excess_from: Change below which `NonlinearProgram.excess` is added to the rows; 0 for never.
         equality: Largest violation of an equality at a solution.
-        max_iterations: Steps at most.
-        resumed: Whether the start is near a solution, so that no curvature is clipped at first and
-            rows are screened at once.
-        deadline: `time.perf_counter()` value after which no new step starts; None for none.
+        max_iterations: Largest number of iterations.
+        resumed: Whether the initial guess is near a solution with known multipliers: clipping is
+            then not full at first, and rows are screened from the first QP on.
+        deadline: `time.perf_counter()` value after which no iteration starts [s]; None for none.
     """
 
     optimality: float = 1e-6
@@ -89,30 +96,30 @@ class SQPSettings:
 class SQP:
     r"""Sequential quadratic programming with a line search.
 
-    Each step solves the quadratic program of the linearised constraints and of a model of the
-    Lagrangian, then backtracks on an exact penalty function (`Penalty`) until Armijo's condition
-    holds (Han 1977; Nocedal & Wright 2006, chapter 18).
+    Each iteration solves a quadratic program with linearised constraints and a model of the
+    Lagrangian's Hessian, then backtracks on an exact penalty function (`Penalty`) until Armijo's
+    condition holds (Han 1977; Nocedal & Wright 2006, chapter 18).
 
-    * Curvature is exact but for a share of the negative part, which is taken away block by block
-      (`CurvatureModel`). The share falls while steps are full. Where the program proves not to be
-      convex enough, all of the negative part goes.
-    * A full step that is refused while it raises the violation is corrected with the constraints'
-      values at its end, which undoes the Maratos effect.
-    * A program without solution is solved with a slack on its nonlinear rows. If relaxed steps no
-      longer lower the violation, at a price at which even a far slower point would be found, the
-      run ends: INFEASIBLE.
-    * What nonlinear rows exceed their values by between the places they are imposed at is added to
-      them late in the run, with a lag of one step.
-    * Near the optimum the run ends when a full step changes the objective's square root by less
-      than `converged`. What is still violated is closed by one finishing step without curvature.
-      At once it ends where the objective stands at its proven bound, or where no decrease is
-      predicted.
+    * The Hessian is exact, but for a share of its negative curvature, which is clipped block by
+      block (`CurvatureModel`). The share falls while steps are full. Where the QP is not convex
+      enough to be solved, the share is raised, at last to all of the negative curvature.
+    * A full step that raises the violation and is refused gets a second-order correction:
+      the QP is solved again with the constraint values at its end, against the Maratos effect.
+    * An infeasible QP is relaxed by a slack on its nonlinear rows. If relaxed steps no longer lower
+      the violation, at a price that outweighs any increase of the objective, the run ends with
+      INFEASIBLE.
+    * The excess of nonlinear rows between the points where they are imposed is added to them late
+      in the run, with a lag of one step.
+    * The run ends when full steps change the objective's square root by less than `converged`. A
+      remaining violation is closed by one finishing step without curvature of the constraints. The
+      run also ends at a feasible point where the objective is at its proven bound, or where no
+      decrease of the merit function is predicted.
 
     Attributes:
-        backend: Solves quadratic programs.
-        fallback: Asked where the backend does not solve one; None for nobody.
-        settings: When to stop.
-        report: Called after every iteration with its record.
+        backend: Solver of the QPs.
+        fallback: Solver of QPs that the backend does not solve; None for none.
+        settings: Stopping criteria and limits.
+        report: Called after every iteration with its record; None for no calls.
     """
 
     backend: QPBackend
@@ -131,16 +138,16 @@ class SQP:
         z: Array | None = None,
         excess: Array | None = None,
     ) -> SQPResult:
-        """Local minimiser from a point that need not be feasible.
+        """Find a local minimiser from a point that need not be feasible.
 
         Args:
-            program: The program.
+            program: Nonlinear program.
             point: Initial guess.
             y, z: Multipliers of equalities and inequalities, from a nearby solution; None for none.
-            excess: What was added to the nonlinear rows there; None for nothing.
+            excess: Amounts added to the nonlinear rows at that solution; None for none.
 
         Returns:
-            The solution, or the last iterate; `status.is_feasible` says whether it satisfies the
+            The solution, or the last iterate; `status.is_feasible` tells whether it satisfies the
             constraints.
         """
         iterate = self.init(program, point, y=y, z=z, excess=excess)
@@ -166,7 +173,11 @@ class SQP:
         z: Array | None = None,
         excess: Array | None = None,
     ) -> Iterate:
-        """First iterate; arguments as in `minimize`."""
+        """First iterate at an initial guess.
+
+        Args:
+            program, point, y, z, excess: Arguments of `minimize`.
+        """
         self._history, self._started = [], time.perf_counter()
         lin = _with(program.linearize(point), excess)
         y = np.zeros(program.equalities) if y is None else y
@@ -194,33 +205,34 @@ class SQP:
             inner = INNER if clipped < 1.0 else INNER_CONVEX
             direction = subproblem.solve(iterations=inner, y=iterate.y, z=iterate.z)
             if direction is not None and direction.z[: program.nonlinear].sum() > LARGEST_PRICE:
-                direction = None  # feasible by a step far beyond where it is true
+                direction = None  # feasible only by a step far too long for the linearisation
             if clipped < 1.0 and (
-                direction is None or self._decrease(program, iterate, direction) < -WRONG_WAY
+                direction is None
+                or self._predicted_decrease(program, iterate, direction) < -ALLOWED_INCREASE
             ):
                 again = CLIPPED_AGAIN if clipped < CLIPPED_AGAIN else 1.0
-                model = replace(iterate.model, clipped=again, held=HELD)
-                return self._stay(iterate, subproblem, replace(iterate, model=model))
+                model = replace(iterate.model, clipped=again, kept_steps=KEPT_STEPS)
+                return self._same_point(iterate, subproblem, replace(iterate, model=model))
         if direction is None:
             relaxed = True
             price = min(max(iterate.relaxation.price, iterate.penalty.nonlinear), LARGEST_PRICE)
             values = iterate.lin.at.inequalities
             subproblem.keep |= (values > -RELAXED_NEAR) & iterate.lin.C.leading(values)
-            subproblem.keep[-1:] = True  # the objective's own bound
+            subproblem.keep[-1:] = True  # the lower bound of the objective
             direction = subproblem.solve_relaxed(program.nonlinear, price)
         if direction is None:
             failed = iterate.model.damping > LARGEST_QP_DAMPING
             verdict = SQPStatus.QP_FAILED if failed else None
             damped = replace(iterate, model=iterate.model.damped(), verdict=verdict)
-            return self._stay(iterate, subproblem, damped)
+            return self._same_point(iterate, subproblem, damped)
         penalty = iterate.penalty.raised(direction.y, direction.z, program.nonlinear)
         iterate = replace(iterate, penalty=penalty)
         if self._is_stationary(program, iterate, direction):
             done = replace(iterate, y=direction.y, z=direction.z, verdict=SQPStatus.OPTIMAL)
-            return self._stay(iterate, subproblem, done, direction)
+            return self._same_point(iterate, subproblem, done, direction)
         found = self._search(program, iterate, direction, subproblem, relaxed=relaxed)
         if found is None:
-            return self._refused(program, iterate, subproblem, direction)
+            return self._after_refusal(program, iterate, subproblem, direction)
         return self._advance(program, iterate, direction, found, subproblem, relaxed=relaxed)
 
     # --- the model --------------------------------------------------------------------------
@@ -259,8 +271,10 @@ class SQP:
         backends = (self.backend,) if self.fallback is None else (self.backend, self.fallback)
         return Subproblem(lin, H, keep, backends, tolerance)
 
-    def _decrease(self, program: NonlinearProgram, iterate: Iterate, direction: Direction) -> float:
-        """Decrease of the merit function that a step promises to first order."""
+    def _predicted_decrease(
+        self, program: NonlinearProgram, iterate: Iterate, direction: Direction
+    ) -> float:
+        """First-order predicted decrease of the merit function by a full step."""
         at, penalty, count = iterate.lin.at, iterate.penalty, program.nonlinear
         after = penalty.of(direction.predicted, np.zeros(0), count)
         before = penalty.of(at.inequalities, at.equalities, count)
@@ -270,7 +284,10 @@ class SQP:
         self, program: NonlinearProgram, iterate: Iterate, direction: Direction
     ) -> bool:
         feasible = iterate.is_feasible(program.tolerance, self.settings.equality)
-        return feasible and self._decrease(program, iterate, direction) <= self.settings.optimality
+        return (
+            feasible
+            and self._predicted_decrease(program, iterate, direction) <= self.settings.optimality
+        )
 
     # --- the step ---------------------------------------------------------------------------
 
@@ -282,22 +299,24 @@ class SQP:
         subproblem: Subproblem,
         *,
         relaxed: bool,
-    ) -> _Found | None:
-        """Point that lowers the merit function enough, with its expansion."""
+    ) -> _Accepted | None:
+        """Line search: point that meets Armijo's condition, with its expansion, or None."""
         count, penalty, lin = program.nonlinear, iterate.penalty, iterate.lin
         start = penalty.merit(lin.at, count)
-        promised = ARMIJO_SLOPE * max(self._decrease(program, iterate, direction), 0.0)
+        promised = ARMIJO_SLOPE * max(self._predicted_decrease(program, iterate, direction), 0.0)
         noise = ROUNDING * max(1.0, abs(start))
 
         def is_enough(at: Evaluation, length: float) -> bool:
             return penalty.merit(at, count) <= start - length * promised + noise
 
-        def linearized(point: Any, length: float, corrections: int = 0) -> _Found:
+        def linearized(point: Any, length: float, corrections: int = 0) -> _Accepted:
             found = _with(program.linearize(point), iterate.excess)
-            return _Found(point, found, length, corrections)
+            return _Accepted(point, found, length, corrections)
 
         point = program.moved(lin, iterate.point, direction.step)
-        full = None  # derivatives are computed at once where the step is likely to be taken
+        full = (
+            None  # where the full step is likely to be accepted, derivatives are computed at once
+        )
         if iterate.change is not None or iterate.number == 0:
             full = linearized(point, 1.0)
         end = _added(program.evaluate(point), iterate.excess) if full is None else full.lin.at
@@ -328,50 +347,50 @@ class SQP:
             length *= 0.5
         return None
 
-    def _refused(
+    def _after_refusal(
         self,
         program: NonlinearProgram,
         iterate: Iterate,
         subproblem: Subproblem,
         direction: Direction,
     ) -> Iterate:
-        """No step lowers the merit function: damp the model, or end the run."""
+        """Iterate after a failed line search: damp the model, raise the price, or end the run."""
         feasible = iterate.is_feasible(program.tolerance, self.settings.equality)
         violation, relaxation = iterate.violation, iterate.relaxation
         if violation > PATIENCE_VIOLATION and direction.slack > PATIENCE_SHARE * violation:
-            # not even to first order does a step lower the violation at this price
-            is_dear = max(relaxation.price, iterate.penalty.nonlinear) >= DEAR
-            dear = replace(relaxation, price=DEAR, violations=())
-            given_up = SQPStatus.INFEASIBLE if is_dear else None
+            # even the linearised constraints stay violated at this price
+            is_final = max(relaxation.price, iterate.penalty.nonlinear) >= INFEASIBLE_PRICE
+            dear = replace(relaxation, price=INFEASIBLE_PRICE, violations=())
+            given_up = SQPStatus.INFEASIBLE if is_final else None
             stuck = replace(iterate, relaxation=dear, verdict=given_up)
-            return self._stay(iterate, subproblem, stuck, direction)
+            return self._same_point(iterate, subproblem, stuck, direction)
         ends = feasible or iterate.model.damping > LARGEST_DAMPING
         verdict = None
         if ends:
             verdict = SQPStatus.FEASIBLE if feasible else SQPStatus.STALLED
         damped = replace(iterate, model=iterate.model.damped(), verdict=verdict)
-        return self._stay(iterate, subproblem, damped, direction)
+        return self._same_point(iterate, subproblem, damped, direction)
 
     def _advance(
         self,
         program: NonlinearProgram,
         iterate: Iterate,
         direction: Direction,
-        found: _Found,
+        found: _Accepted,
         subproblem: Subproblem,
         *,
         relaxed: bool,
     ) -> Iterate:
-        """The iterate at an accepted point."""
+        """Next iterate, at an accepted point."""
         full = found.length == 1.0
         change = _relative_change(iterate.lin.at.objective, found.lin.at.objective)
         model = iterate.model
         if not self._is_early(iterate):
-            model = self._lowered(iterate, direction, found, change)
+            model = self._less_clipped(iterate, direction, found, change)
         model = model.after_step(found.length)
         moved = found.length * np.abs(direction.predicted - iterate.lin.at.inequalities)
-        was_violated = iterate.violation
-        ahead = replace(
+        old_violation = iterate.violation
+        successor = replace(
             iterate,
             point=found.point,
             lin=found.lin,
@@ -382,24 +401,28 @@ class SQP:
             step=moved,
             change=change if full else None,
         )
-        ahead = self._with_excess(program, ahead, change)
-        slack = relaxed and direction.slack > LEFT * max(was_violated, LEFT)
-        ahead = self._with_relaxation(ahead, relaxed=relaxed, slack=slack)
-        to_come = _still_to_come(change, iterate.change)
-        ahead = self._judged(program, ahead, to_come, iterate.model.damping, full=full)
-        self._record(ahead, direction, subproblem, found, relaxed=relaxed)
-        return ahead
+        successor = self._with_excess(program, successor, change)
+        slack = relaxed and direction.slack > NEGLIGIBLE_SLACK * max(
+            old_violation, NEGLIGIBLE_SLACK
+        )
+        successor = self._with_relaxation(successor, relaxed=relaxed, slack=slack)
+        remaining = _remaining_change(change, iterate.change)
+        successor = self._with_verdict(
+            program, successor, remaining, iterate.model.damping, full=full
+        )
+        self._record(successor, direction, subproblem, found, relaxed=relaxed)
+        return successor
 
-    def _lowered(
-        self, iterate: Iterate, direction: Direction, found: _Found, change: float
+    def _less_clipped(
+        self, iterate: Iterate, direction: Direction, found: _Accepted, change: float
     ) -> CurvatureModel:
-        """Model with less of the negative curvature clipped after a step that went well."""
+        """Curvature model after a step: less clipping after a good step, more after a bad one."""
         model = iterate.model
-        if found.corrections > 1 or found.length < 1.0 or direction.inner > HARD:
+        if found.corrections > 1 or found.length < 1.0 or direction.inner > MANY_INNER:
             clipped = min(1.0, max(LEAST_CLIPPED_LATER, 2.0 * model.clipped))
             return replace(model, clipped=clipped)
-        if model.held:
-            return replace(model, held=model.held - 1)
+        if model.kept_steps:
+            return replace(model, kept_steps=model.kept_steps - 1)
         creeps = (
             iterate.number >= 3
             and iterate.change is not None
@@ -409,7 +432,7 @@ class SQP:
         return replace(model, clipped=max(least, 0.5 * model.clipped))
 
     def _with_excess(self, program: NonlinearProgram, iterate: Iterate, change: float) -> Iterate:
-        """With what nonlinear rows exceed between their places, late in the run."""
+        """Iterate with `NonlinearProgram.excess` added to its rows, late in the run."""
         settings = self.settings
         late = settings.excess_from > 0.0 and change < settings.excess_from
         if not late and iterate.excess is None:
@@ -426,7 +449,7 @@ class SQP:
         return replace(iterate, lin=_with(bare, excess), excess=excess)
 
     def _with_relaxation(self, iterate: Iterate, *, relaxed: bool, slack: bool) -> Iterate:
-        """With the series of relaxed steps, and what it says of feasibility."""
+        """Iterate with its series of relaxed steps, and with the verdict INFEASIBLE if stuck."""
         relaxation = iterate.relaxation
         if not relaxed:
             return replace(iterate, relaxation=Relaxation(price=relaxation.price))
@@ -439,22 +462,22 @@ class SQP:
             and series[-1] > PATIENCE_SHARE * series[-1 - PATIENCE]
         )
         if stuck:
-            # a slower point might be less violated: at a higher price it would be found
-            dear = max(price, iterate.penalty.nonlinear) >= DEAR
-            verdict = SQPStatus.INFEASIBLE if dear else None
-            price, series = DEAR, series[-1:]
+            # a point of larger objective might be less violated, and needs a higher price
+            is_final = max(price, iterate.penalty.nonlinear) >= INFEASIBLE_PRICE
+            verdict = SQPStatus.INFEASIBLE if is_final else None
+            price, series = INFEASIBLE_PRICE, series[-1:]
         return replace(iterate, relaxation=Relaxation(slack, price, series), verdict=verdict)
 
-    def _judged(
+    def _with_verdict(
         self,
         program: NonlinearProgram,
         iterate: Iterate,
-        to_come: float,
+        remaining: float,
         damping: float,
         *,
         full: bool,
     ) -> Iterate:
-        """With the verdict on an accepted point, and whether the next step is to finish the run."""
+        """Iterate with the verdict on an accepted point, or marked for a finishing step."""
         if iterate.verdict is not None:
             return iterate
         settings = self.settings
@@ -462,7 +485,7 @@ class SQP:
         if feasible and program.optimality_gap(iterate.point) <= 2.0 * settings.equality:
             return replace(iterate, verdict=SQPStatus.BOUND_REACHED)
         damped = damping > UNDAMPED and not iterate.finishing
-        if not full or to_come >= settings.converged or damped:
+        if not full or remaining >= settings.converged or damped:
             return replace(iterate, finishing=False)
         if feasible:
             return replace(iterate, verdict=SQPStatus.OPTIMAL)
@@ -472,15 +495,15 @@ class SQP:
 
     # --- records ----------------------------------------------------------------------------
 
-    def _stay(
+    def _same_point(
         self,
         iterate: Iterate,
         subproblem: Subproblem,
         changed: Iterate,
         direction: Direction | None = None,
     ) -> Iterate:
-        """The same point with another model, which counts as an iteration."""
-        stays = _Found(iterate.point, iterate.lin, 0.0, 0)
+        """Iterate at the same point with another model; it counts as an iteration."""
+        stays = _Accepted(iterate.point, iterate.lin, 0.0, 0)
         counted = replace(changed, number=iterate.number + 1)
         self._record(counted, direction, subproblem, stays, relaxed=False)
         return counted
@@ -490,7 +513,7 @@ class SQP:
         iterate: Iterate,
         direction: Direction | None,
         subproblem: Subproblem,
-        found: _Found,
+        found: _Accepted,
         *,
         relaxed: bool,
     ) -> None:
@@ -513,8 +536,8 @@ class SQP:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Found:
-    """An accepted point, its expansion, the length of the step, and how often it was corrected."""
+class _Accepted:
+    """Accepted point, its expansion, the step length, and the number of corrections."""
 
     point: Any
     lin: Linearization
@@ -522,16 +545,16 @@ class _Found:
     corrections: int
 
 
-def _still_to_come(change: float, before: float | None) -> float:
-    """The last change, or the sum of all that would follow by its ratio to the one before."""
+def _remaining_change(change: float, before: float | None) -> float:
+    """Last change, or the geometric series of all following changes if that is larger."""
     if before is None or before <= 0.0:
         return change
-    ratio = min(change / before, SLOWEST)
+    ratio = min(change / before, LARGEST_RATIO)
     return change * max(1.0, ratio / (1.0 - ratio))
 
 
 def _relative_change(before: float, after: float) -> float:
-    """Of the square root of the objective, to first order: of a duration, if it is the square."""
+    """First-order relative change of the objective's square root, which is the duration."""
     return 0.5 * abs(after - before) / max(abs(before), LEAST_OBJECTIVE)
 
 

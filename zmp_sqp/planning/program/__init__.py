@@ -1,1 +1,1 @@
-"""The nonlinear program of a planning problem."""
+"""Transcription of a planning problem into a nonlinear program."""

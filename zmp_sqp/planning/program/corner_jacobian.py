@@ -1,4 +1,4 @@
-"""Jacobian of a staged program with many corners, whose rows are formed when asked for."""
+"""Inequality Jacobian of a staged program with many corners, with rows formed on demand."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ Mask = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CornerJacobian:
-    """Jacobian of the inequalities, of which quadratic programs see but a few rows.
+    """Inequality Jacobian of which only the rows in the quadratic program are formed.
 
-    With 64 corners there are 48 000 nonlinear rows at 50 intervals, of which some hundred matter.
-    Changes of all rows by a step follow from those of the efforts; derivatives are formed for
-    the rows of a mask. Both are exact.
+    With 64 corners and 50 intervals there are 48 000 nonlinear rows, of which a few hundred take
+    part. The first-order change of all rows is computed from that of the efforts; derivatives are
+    formed for selected rows. Both are exact.
 
     Attributes:
         stages: Variables and maps.
-        expansion: Rows at starts, ends and middles of the intervals.
-        maps: (q, w, alpha, S [, positions]) at starts, ends and middles by a mapped stage's
-            variables, (N or 1, s, m) each.
-        ends: What a unit of sigma's variable adds to a mapped stage's variables through given rates
-            at the start and the goal, (m,) each.
+        expansion: Expansion of the rows at starts, ends and middles of the intervals.
+        maps: Jacobians of (q, w, alpha, S [, positions]) at starts, ends and middles by mapped
+            stage variables, shape (N or 1, s, m) each.
+        ends: Derivatives by sigma of the first and of the last stage's mapped variables, through
+            the boundary rates v sqrt(S), shape (m,) each.
         limits: Jacobian of the limits.
     """
 
@@ -44,11 +44,11 @@ class CornerJacobian:
 
     @property
     def nonlinear(self) -> int:
-        """Number of nonlinear rows, which come first: by interval, point and row."""
+        """Number of nonlinear rows, which come first, ordered by interval, point and row."""
         return 3 * self.stages.grid.size * self.expansion.layout.count
 
     def __matmul__(self, step: Array) -> Array:
-        """Change of the rows' values by a step, shape (m,)."""
+        """First-order change of all inequalities by a step of the variables, shape (m,)."""
         columns = self.stages.stage_columns
         local = np.where(columns >= 0, step[columns], 0.0)
         local[0] += step[-1] * self.ends[0]
@@ -59,65 +59,66 @@ class CornerJacobian:
         return np.concatenate([of_rows.ravel(), self.limits @ step])
 
     def selected(self, mask: Mask) -> sp.csc_matrix:
-        """The rows of a mask (m,), CSC."""
+        """Rows selected by a mask (m,), CSC."""
         rows = np.flatnonzero(mask[: self.nonlinear])
         interval, entries = self.derivatives(rows)
         entries[:, -1] += self._by_ends(interval, entries)
         columns = self.stages.stage_columns[interval]
-        there = columns >= 0
-        starts = np.concatenate([[0], np.cumsum(there.sum(axis=1))])
+        is_variable = columns >= 0
+        starts = np.concatenate([[0], np.cumsum(is_variable.sum(axis=1))])
         shape = len(rows), self.stages.size
-        nonlinear = sp.csr_matrix((entries[there], columns[there], starts), shape=shape)
+        nonlinear = sp.csr_matrix((entries[is_variable], columns[is_variable], starts), shape=shape)
         limits = self.limits.selected(mask[self.nonlinear :])
         return sp.csc_matrix(sp.vstack([nonlinear.tocsc(), limits], format="csc"))
 
     def leading(self, values: Array) -> Mask:
-        """Of each row the corner with the largest value, in each interval and at each point.
+        """Mask of the rows that are largest among all corners, and of all other inequalities.
 
-        Where two or three corners lead, the programs are larger and no iteration is saved.
+        Each row of each interval and point is kept for its worst corner alone: keeping the two or
+        three worst corners makes the quadratic programs larger and saves no iteration.
 
         Args:
-            values: Of all inequalities, shape (m,).
+            values: Values of all inequalities, shape (m,).
         """
         layout, found = self.expansion.layout, np.ones(len(values), dtype=bool)
         of_rows = values[: self.nonlinear].reshape(-1, layout.count)[:, : layout.of_corners]
         by_corner = of_rows.reshape(len(of_rows), -1, layout.per_corner)
-        leads = found[: self.nonlinear].reshape(-1, layout.count)
+        is_largest = found[: self.nonlinear].reshape(-1, layout.count)
         largest = by_corner.max(axis=1, keepdims=True)
-        leads[:, : layout.of_corners] = (by_corner >= largest).reshape(of_rows.shape)
+        is_largest[:, : layout.of_corners] = (by_corner >= largest).reshape(of_rows.shape)
         return found
 
     def derivatives(self, rows: Indices) -> tuple[Indices, Array]:
-        """Interval of nonlinear rows, (L,), and derivatives by its mapped stage, (L, m).
+        """Interval (L,) of nonlinear rows, and derivatives by its mapped stage variables, (L, m).
 
         Args:
-            rows: Of the nonlinear ones, ascending, shape (L,).
+            rows: Indices of nonlinear rows, ascending, shape (L,).
         """
         N, count = self.stages.grid.size, self.expansion.layout.count
         interval, rest = np.divmod(rows, 3 * count)
         point, row = np.divmod(rest, count)
-        inner = point == 2
-        # rows at middle control points see all three points of their interval
-        seen = [np.flatnonzero((point == which) | inner) for which in range(3)]
-        state = np.concatenate([which * N + interval[some] for which, some in enumerate(seen)])
-        by_state = self.expansion.derivatives(state, row[np.concatenate(seen)])
-        ends = np.cumsum([len(some) for some in seen])
+        is_middle = point == 2
+        # rows at middle control points depend on all three points of their interval
+        rows_at = [np.flatnonzero((point == which) | is_middle) for which in range(3)]
+        state = np.concatenate([which * N + interval[some] for which, some in enumerate(rows_at)])
+        by_state = self.expansion.derivatives(state, row[np.concatenate(rows_at)])
+        ends = np.cumsum([len(some) for some in rows_at])
         start, end, middle = (
             _mapped(by_state[at - len(some) : at], part, interval[some])
-            for at, some, part in zip(ends, seen, self.maps, strict=True)
+            for at, some, part in zip(ends, rows_at, self.maps, strict=True)
         )
         found = np.zeros((len(rows), self.stages.m))
-        factor = np.where(inner, -0.5, 1.0)[:, None]
-        found[seen[0]] += factor[seen[0]] * start
-        found[seen[1]] += factor[seen[1]] * end
-        found[seen[2]] += 2.0 * middle
+        factor = np.where(is_middle, -0.5, 1.0)[:, None]
+        found[rows_at[0]] += factor[rows_at[0]] * start
+        found[rows_at[1]] += factor[rows_at[1]] * end
+        found[rows_at[2]] += 2.0 * middle
         return interval, found
 
     def through_ends(self, weights: Array) -> float:
-        """Derivative of weighted nonlinear rows by sigma's variable through rates at the ends.
+        """Derivative of weights . nonlinear rows by sigma through the boundary rates v sqrt(S).
 
         Args:
-            weights: Shape (nonlinear,).
+            weights: Weight of each nonlinear row, shape (nonlinear,).
         """
         if not (self.ends[0].any() or self.ends[1].any()):
             return 0.0
@@ -133,7 +134,7 @@ class CornerJacobian:
 
 
 def _mapped(by_state: Array, part: Array, interval: Indices) -> Array:
-    """Derivatives (L, s) times the map of their interval, (L, m)."""
+    """Derivatives by states (L, s) times the map of their interval (N or 1, s, m), (L, m)."""
     if len(part) == 1:
         return np.asarray(by_state @ part[0])
     return np.asarray((by_state[:, None] @ part[interval])[:, 0])

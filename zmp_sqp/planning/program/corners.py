@@ -1,4 +1,4 @@
-"""Efforts of one machine at many corners of payload and slope, from few inverse dynamics."""
+"""Inverse dynamics of a machine at many corners of payload and slope, from a few models."""
 
 from __future__ import annotations
 
@@ -20,38 +20,39 @@ from zmp_sqp.planning.program.model import ArmModel
 
 __all__ = ["CornerEfforts", "CornerModels"]
 
-RANK = 1e-9  # relative: smaller pivots are rounding
-DROPPED = 1e-12  # of order one: smaller weights are rounding
+RANK = 1e-9  # relative to the first pivot of the QR factorisation: smaller ones are rounding
+DROPPED = 1e-12  # weights are of order one: smaller ones are rounding, set to zero
 
 
 @dataclass(frozen=True, eq=False)
 class CornerModels:
-    r"""V models of one machine, whose efforts are sums of those of B of them.
+    r"""V models of one machine, whose efforts are linear combinations of those of B basis models.
 
     Inverse dynamics is linear in the inertial parameters \pi of the bodies (Atkeson, An &
-    Hollerbach 1986). Where the parameters of all corners are affine combinations of those of a few,
-    so are efforts, their derivatives and their changes, exactly:
+    Hollerbach 1986). Where the parameters of all corners are affine combinations of those of a few
+    corners, so are the efforts and their derivatives, exactly:
 
     .. math:: \pi_v = \sum_b C_{vb} \pi_b, \; \sum_b C_{vb} = 1 \quad \Rightarrow \quad
               e_v = \sum_b C_{vb} e_b
 
-    Two masses of a payload with its centre at the eight corners of a box have eight independent
-    parameters. Gravity differs by \delta_v from that of the B models. In the wrench it adds the
-    weight of the mass m_v at its centre c_v:
+    For example, two masses of a payload with its centre of mass at the eight corners of a box need
+    a basis of eight. Gravity at corner v differs by \delta_v from that of the basis. In the wrench
+    this adds the weight of the machine's mass m_v at its centre of mass c_v:
 
     .. math:: f_v = \dots - S m_v \delta_v, \quad \tau_v = \dots - S\, m_v c_v \times \delta_v
 
-    The derivatives of m_v c_v by the joints are those of the force by their accelerations. Joint
-    efforts have no such form; with them the B models are chosen for \pi and gravity together, in
-    whose products efforts are bilinear, and \delta_v is zero.
+    The derivatives of m_v c_v by the joint positions equal those of the force by the joint
+    accelerations. For joint efforts there is no such closed form. They are linear in the products
+    of \pi and gravity, so that where they are needed the basis is chosen for these products, and
+    \delta_v is zero.
 
     Attributes:
-        models: At all corners, V of them.
-        basis: B models.
+        models: Inverse dynamics at the V corners.
+        basis: The B models that are evaluated.
         weights: C, shape (V, B).
-        tilts: Gravity of each corner less that of the basis, in the root frame, of a machine that
-            drives at yaw zero; shape (V, 3) [m/s^2].
-        masses: Of the machine at each corner, shape (V,) [kg].
+        tilts: Differences delta of gravity, in the root frame (for a driving machine at yaw zero),
+            shape (V, 3) [m/s^2].
+        masses: Mass of the machine at each corner, shape (V,) [kg].
     """
 
     models: tuple[StageModel, ...]
@@ -62,10 +63,14 @@ class CornerModels:
 
     @classmethod
     def of(cls, models: Sequence[StageModel]) -> CornerModels:
-        """Choose the basis; where the models are not those of one machine, it is all of them."""
+        """Choose a basis for the models.
+
+        It holds all of them where they are not models of one machine, or where their gravity
+        differs by more than a constant vector, as over different terrains.
+        """
         masses = _of_machines(models)[:, :, 0].sum(axis=1)
         gravity = _gravities(models)
-        if gravity is None or not _alike(models):
+        if gravity is None or not _differ_in_inertia_only(models):
             one = np.eye(len(models))
             return cls(tuple(models), tuple(models), one, np.zeros((len(models), 3)), masses)
         parameters = _varying(_of_machines(models).reshape(len(models), -1))
@@ -82,7 +87,11 @@ class CornerModels:
     def efforts(
         self, q: Array, w: Array, alpha: Array, S: float, positions: Array | None = None
     ) -> Array:
-        """S times the efforts at all corners, shape (V, K, R); arguments as of `StageModel`."""
+        """S times the efforts at all corners, shape (V, K, R).
+
+        Args:
+            q, w, alpha, S, positions: As for `StageModel.efforts`.
+        """
         of_basis = np.stack([model.efforts(q, w, alpha, S, positions) for model in self.basis])
         found = _combined(self.weights, of_basis)
         if self.tilts.any():
@@ -94,7 +103,11 @@ class CornerModels:
     def linearize(
         self, q: Array, w: Array, alpha: Array, S: float, positions: Array | None = None
     ) -> CornerEfforts:
-        """Efforts with their derivatives; arguments as of `StageModel`."""
+        """S times the efforts at all corners, with their derivatives.
+
+        Args:
+            q, w, alpha, S, positions: As for `StageModel.efforts`.
+        """
         found = [model.effort_derivatives(q, w, alpha, S, positions) for model in self.basis]
         jacobian = np.stack([part for _, part in found], axis=1)  # (K, B, R, s)
         efforts = _combined(self.weights, np.stack([part for part, _ in found]))
@@ -112,16 +125,16 @@ class CornerModels:
 
     @property
     def drives(self) -> bool:
-        """Whether gravity turns with the last coordinate, the yaw."""
+        """Whether the base drives, so that gravity turns with the last coordinate, the yaw."""
         return isinstance(self.basis[0], DrivingModel)
 
     @property
     def arm(self) -> int:
-        """Number of coordinates that move joints."""
+        """Number of coordinates that determine joints."""
         return self.basis[0].coordinates.size
 
     def tilts_at(self, q: Array) -> Array:
-        """`tilts` in the root frame at K states, shape (V, K, 3) or (V, 1, 3)."""
+        """`tilts` in the root frame at K states: (V, K, 3) if the base drives, else (V, 1, 3)."""
         tilts = self.tilts[:, None]
         if not self.drives:
             return tilts
@@ -130,34 +143,36 @@ class CornerModels:
         return np.stack(np.broadcast_arrays(cos * x + sin * y, cos * y - sin * x, z), axis=2)
 
     def mass_moments(self, q: Array) -> Array:
-        """Mass times centre of mass in the root frame, shape (V, K, 3) [kg m].
+        """Mass times centre of mass of each corner's machine, root frame, shape (V, K, 3) [kg m].
 
-        From one forward kinematics per state: m c = sum of m_i p_i + R_i h_i over the bodies i.
+        One forward kinematics per state: m c is the sum of m_i p_i + R_i h_i over the bodies i, of
+        mass m_i and first moment h_i in the body's frame, at position p_i and rotation R_i.
         """
         machine = self.models[0].machine
         model, data = machine.model, machine.model.createData()
         joints, masses, moments = self._differences
         first = np.empty((len(q), 3))
-        place = np.empty((len(joints), len(q), 3))
-        turn = np.empty((len(joints), len(q), 3, 3))
+        positions = np.empty((len(joints), len(q), 3))
+        rotations = np.empty((len(joints), len(q), 3, 3))
         coordinates = self.models[0].coordinates
         for k, one in enumerate(machine.configuration(coordinates.joints(q[:, : self.arm]))):
             first[k] = pin.centerOfMass(model, data, one)
             for i, joint in enumerate(joints.tolist()):
-                place[i, k] = data.oMi[joint].translation
-                turn[i, k] = data.oMi[joint].rotation
+                positions[i, k] = data.oMi[joint].translation
+                rotations[i, k] = data.oMi[joint].rotation
         found = np.repeat(machine.mass * first[None], len(self.models), axis=0)
         for i in range(len(joints)):
-            found += masses[:, i, None, None] * place[i]
-            found += np.einsum("kij,vj->vki", turn[i], moments[:, i])
+            found += masses[:, i, None, None] * positions[i]
+            found += np.einsum("kij,vj->vki", rotations[i], moments[:, i])
         return found
 
     @cached_property
     def _differences(self) -> tuple[Indices, Array, Array]:
-        """By how much bodies differ from the first corner's.
+        """Differences of the bodies' masses and first moments from those at the first corner.
 
         Returns:
-            Their joints (J,), masses (V, J) and first moments (V, J, 3).
+            Joints (J,) whose bodies differ, differences of mass (V, J) [kg] and of first moment
+            (V, J, 3) [kg m].
         """
         parameters = _of_machines(self.models)[:, :, :4]
         change = parameters - parameters[0]
@@ -167,15 +182,18 @@ class CornerModels:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CornerEfforts:
-    """Efforts at K states and all corners, with derivatives of as many rows as are asked for.
+    """Efforts at K states and all corners, with derivatives that are formed on demand.
 
     Attributes:
-        corners: The models.
+        corners: Models of the corners.
         S: Squared duration [s^2].
         efforts: S times the efforts, shape (V, K, R).
-        jacobian: Of the basis by (q, w, alpha, S [, positions]), shape (K, B, R, 3n + 1 [+ 2]).
-        moments: Mass times centre of mass, shape (V, K, 3); None where gravity is the same.
-        tilts: Of gravity, shape (V, K, 3) or (V, 1, 3); None likewise.
+        jacobian: Jacobian of the basis models' efforts by (q, w, alpha, S [, positions]), shape
+            (K, B, R, 3n + 1 [+ 2]).
+        moments: Mass times centre of mass, shape (V, K, 3) [kg m]; None where gravity is equal at
+            all corners.
+        tilts: Differences of gravity, shape (V, K, 3) or (V, 1, 3) [m/s^2]; None where gravity is
+            equal at all corners.
     """
 
     corners: CornerModels
@@ -186,11 +204,13 @@ class CornerEfforts:
     tilts: Array | None
 
     def derivatives(self, corner: Indices, state: Indices, rows: Array) -> Array:
-        """Derivatives of L rows by (q, w, alpha, S [, positions]), shape (L, 3n + 1 [+ 2]).
+        """Derivatives of L linear forms of the efforts, shape (L, 3n + 1 [+ 2]).
+
+        They are by (q, w, alpha, S [, positions]).
 
         Args:
-            corner, state: Of each row, shape (L,).
-            rows: Factors of the R efforts, shape (L, R).
+            corner, state: Indices of the corner and the state of each form, shape (L,) each.
+            rows: Coefficients of the R efforts, shape (L, R).
         """
         weights = self.corners.weights[corner]
         found = _products(self.jacobian, state, weights, rows)
@@ -212,15 +232,18 @@ class CornerEfforts:
 
     @property
     def _by_acceleration(self) -> Array:
-        """Of the basis' forces by the joints' accelerations, (K, B, 3, arm): those of m c by q."""
+        """Jacobian of the basis models' forces by joint accelerations, (K, B, 3, arm) [kg m].
+
+        Equals the Jacobian of mass times centre of mass by joint positions.
+        """
         n = self.corners.size
         return self.jacobian[:, :, :3, 2 * n : 2 * n + self.corners.arm]
 
     def change(self, step: Array) -> Array:
-        """Change of the efforts to first order, shape (V, K, R).
+        """First-order change of the efforts, shape (V, K, R).
 
         Args:
-            step: Of (q, w, alpha, S [, positions]), shape (K, 3n + 1 [+ 2]).
+            step: Change of (q, w, alpha, S [, positions]), shape (K, 3n + 1 [+ 2]).
         """
         corners = self.corners
         found = _combined(corners.weights, _times(self.jacobian, step))
@@ -240,27 +263,27 @@ class CornerEfforts:
 
 
 def _products(jacobian: Array, state: Indices, weights: Array, rows: Array) -> Array:
-    """Rows times the Jacobians of their corners and states, shape (L, s).
+    """Products of L linear forms of the efforts with the Jacobian at corner and state, (L, s).
 
-    The products of each state are one product of matrices.
+    The forms of one state are grouped, so that there is one matrix product per state.
 
     Args:
-        jacobian: Of the basis, shape (K, B, R, s).
-        state: Shape (L,).
-        weights: Shape (L, B).
-        rows: Shape (L, R).
+        jacobian: Jacobian of the basis models' efforts, shape (K, B, R, s).
+        state: Index of the state of each form, shape (L,).
+        weights: Weights of the basis models at the corner of each form, shape (L, B).
+        rows: Coefficients of the efforts, shape (L, R).
     """
     K, B, R, width = jacobian.shape
     factors = (weights[:, :, None] * rows[:, None, :]).reshape(len(rows), B * R)
     counts = np.bincount(state, minlength=K)
-    place = np.empty(len(state), dtype=np.intp)
-    place[np.argsort(state, kind="stable")] = np.arange(len(state)) - np.repeat(
+    slot = np.empty(len(state), dtype=np.intp)
+    slot[np.argsort(state, kind="stable")] = np.arange(len(state)) - np.repeat(
         np.cumsum(counts) - counts, counts
     )
     stacked = np.zeros((K, int(counts.max(initial=0)), B * R))
-    stacked[state, place] = factors
+    stacked[state, slot] = factors
     products = stacked @ jacobian.reshape(K, B * R, width)
-    return np.asarray(products[state, place])
+    return np.asarray(products[state, slot])
 
 
 def _times(jacobian: Array, step: Array) -> Array:
@@ -271,7 +294,7 @@ def _times(jacobian: Array, step: Array) -> Array:
 
 
 def _combined(weights: Array, of_basis: Array) -> Array:
-    """Sums over the basis, shape (V, ...)."""
+    """Linear combinations (V, ...) of values of the basis models (B, ...)."""
     found = weights @ of_basis.reshape(len(of_basis), -1)
     return np.asarray(found.reshape(len(weights), *of_basis.shape[1:]))
 
@@ -289,12 +312,12 @@ def _dot(a: Array, b: Array) -> Array:
 
 
 def _turned(tilt: Array) -> Array:
-    """Derivative by the yaw of a vector that is constant in the plane, in the root frame."""
+    """Derivative by the yaw of a vector in the root frame that is constant in the world."""
     return np.stack([tilt[..., 1], -tilt[..., 0], np.zeros_like(tilt[..., 0])], axis=-1)
 
 
 def _of_machines(models: Sequence[StageModel]) -> Array:
-    """Inertial parameters of the body of each joint: mass, first and second moments, (V, J, 10)."""
+    """Inertial parameters of each joint's body: mass, first and second moments, (V, J, 10)."""
     found: dict[int, Array] = {}
     for machine in (model.machine for model in models):
         if id(machine) not in found:
@@ -306,14 +329,14 @@ def _of_machines(models: Sequence[StageModel]) -> Array:
 
 
 def _varying(values: Array) -> Array:
-    """Columns that are not the same in all rows, scaled to order one, and a column of ones."""
+    """Columns that differ between rows, scaled to order one, and a column of ones."""
     columns = values[:, (values != values[0]).any(axis=0)]
     ones = np.ones((len(values), 1))
     return np.hstack([columns / np.abs(columns).max(axis=0, initial=0.0), ones])
 
 
 def _basis(values: Array) -> tuple[Indices, Array]:
-    """Rows (B,) that span all V rows, and the weights (V, B) that give them."""
+    """Indices (B,) of rows that span all V rows, and the weights (V, B) of the combinations."""
     triangle, pivots = scipy.linalg.qr(values.T, mode="r", pivoting=True)
     size = np.abs(np.diag(triangle))
     chosen = np.sort(pivots[: int((size > RANK * size[0]).sum())])
@@ -322,7 +345,7 @@ def _basis(values: Array) -> tuple[Indices, Array]:
     return chosen, np.ascontiguousarray(weights)
 
 
-def _alike(models: Sequence[StageModel]) -> bool:
+def _differ_in_inertia_only(models: Sequence[StageModel]) -> bool:
     """Whether the models are of one kind and their machines differ in inertia alone."""
     first = models[0]
     machine, checked = first.machine.model, {id(first.machine)}
@@ -349,7 +372,10 @@ def _alike(models: Sequence[StageModel]) -> bool:
 
 
 def _gravities(models: Sequence[StageModel]) -> Array | None:
-    """Gravity of each model at yaw zero, (V, 3); None where efforts are not affine in it."""
+    """Gravity of each model at yaw zero, up to a common vector, shape (V, 3) [m/s^2].
+
+    None where the models' gravity differs by more than a constant, as over different terrains.
+    """
     if all(isinstance(model, ArmModel) for model in models):
         return np.array([model.gravity for model in models])  # type: ignore[attr-defined]
     if not all(isinstance(model, DrivingModel) for model in models):
@@ -363,7 +389,7 @@ def _gravities(models: Sequence[StageModel]) -> Array | None:
 
 
 def _on_ground_of(model: StageModel, other: StageModel) -> StageModel:
-    """A model with the ground of another one."""
+    """Copy of a model on the ground of another one."""
     if isinstance(model, ArmModel) and isinstance(other, ArmModel):
         return replace(model, gravity=other.gravity)
     if isinstance(model, DrivingModel) and isinstance(other, DrivingModel):

@@ -1,4 +1,4 @@
-"""From a problem to the numbers of its nonlinear program."""
+"""Boundary states, limits and bound constraints of the nonlinear program of a problem."""
 
 from __future__ import annotations
 
@@ -25,23 +25,26 @@ __all__ = [
     "path_bounds",
 ]
 
-LIMIT_GUARD = 1e-8  # relative, kept inside the joint limits so that rounding does not break them
-RATE_SLACK = 1e-10  # relative, by which the program allows more than boundary rates at the limit
-UNBOUNDED = 1e4  # [rad or m] stands for a position limit that is infinite
+# by which limits are tightened, so that rounding breaks none: positions in rad or m, rates and
+# accelerations relative
+LIMIT_GUARD = 1e-8
+RATE_SLACK = 1e-10  # relative, by which rate limits exceed boundary rates that are at the limit
+UNBOUNDED = 1e4  # [rad or m] replaces a position limit that is infinite
 
 
 def bound_constraints(problem: Problem) -> BoundConstraints:
-    """Rows of all path constraints for every corner of payload and slope."""
+    """Path constraints of a problem, bound to its machine at all corners of payload and slope."""
     names = [constraint.name for constraint in problem.path_constraints]
     corners: list[CornerRows] = []
     common: tuple[tuple[str, ConstraintRows], ...] = ()
-    of_machine: dict[int, tuple[ConstraintRows, ...]] = {}  # corners of one payload share rows
+    # by id of the machine: corners with one payload share rows
+    rows_of_machine: dict[int, tuple[ConstraintRows, ...]] = {}
     for corner in problem.corners():
         machine = corner.machine
-        if id(machine) not in of_machine:
+        if id(machine) not in rows_of_machine:
             rows = bound_rows(problem.path_constraints, machine, problem.coordinates)
-            of_machine[id(machine)] = rows
-        rows = of_machine[id(machine)]
+            rows_of_machine[id(machine)] = rows
+        rows = rows_of_machine[id(machine)]
         joint_efforts = any(part.needs_joint_efforts for part in rows)
         model = _stage_model(problem, corner, joint_efforts=joint_efforts)
         named = tuple(zip(names, rows, strict=True))
@@ -59,7 +62,7 @@ def _stage_model(problem: Problem, corner: Corner, *, joint_efforts: bool) -> St
 
 
 def boundaries(problem: Problem) -> tuple[Boundary, Boundary]:
-    """Start and goal in the coordinates of joints and undercarriage."""
+    """Start and goal of a problem, in the coordinates of joints and undercarriage."""
     coordinates, undercarriage = problem.coordinates, problem.undercarriage
     sides = []
     for side in ("start", "goal"):
@@ -71,7 +74,7 @@ def boundaries(problem: Problem) -> tuple[Boundary, Boundary]:
 
 
 def path_bounds(problem: Problem) -> PathBounds:
-    """Limits of the coordinates, drawn in by a guard."""
+    """Limits of a problem's coordinates, tightened by `LIMIT_GUARD`; no bound on the duration."""
     machine = problem.machine
     limits = problem.coordinates.limits(machine.limits).followed_by(problem.undercarriage.limits)
     if problem.distance_limits is not None:
@@ -81,8 +84,8 @@ def path_bounds(problem: Problem) -> PathBounds:
     upper = np.minimum(limits.position_upper, UNBOUNDED) - LIMIT_GUARD
     sides = boundaries(problem)
     both, rates = np.vstack([side.q for side in sides]), [side.v for side in sides]
-    # a boundary rate that uses up the guard would make a row (v_0 - v) sqrt(S) <= 0 that only S = 0
-    # satisfies
+    # with a boundary rate v_0 above the tightened limit v, the row (v_0 - v) sqrt(S) <= 0 would
+    # hold for S = 0 only
     fastest = np.abs(rates).max(axis=0) * (1.0 + RATE_SLACK)
     return PathBounds(
         position_lower=np.minimum(lower, both.min(axis=0)),
@@ -94,7 +97,11 @@ def path_bounds(problem: Problem) -> PathBounds:
 
 
 def grid_bound(start: Boundary, goal: Boundary, bounds: PathBounds, intervals: int) -> float:
-    """Least duration on the grid; only motions from rest to rest have one in closed form."""
+    """Least duration of a motion within the limits, one acceleration per joint and interval [s].
+
+    Zero, which is a valid bound, unless the motion is from rest to rest: only then is there a
+    closed form (`grid_minimum_time`).
+    """
     if start.v.any() or goal.v.any():
         return 0.0
     return grid_minimum_time(

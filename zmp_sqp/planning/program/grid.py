@@ -1,4 +1,4 @@
-"""Grid of normalised time, and motions whose accelerations are linear within its intervals."""
+"""Grid of normalised time, and integration of accelerations that are linear in its intervals."""
 
 from __future__ import annotations
 
@@ -13,18 +13,23 @@ from zmp_sqp.arrays import Array
 __all__ = ["ENDS", "Grid", "shapes"]
 
 ENDS = 2  # controls per interval: the accelerations at its start and at its end
-NESTED = 12  # decimals to which the nodes of nested grids agree
-SAMPLES = 8  # per interval, by which accelerations are projected on a grid that does not nest
+NESTED = 12  # decimals to which nodes are compared, to tell whether one grid contains the other
+SAMPLES = 8  # per interval, for the least-squares projection on a grid that is not nested
 
 
 def shapes(s: float) -> tuple[Array, Array, Array]:
-    r"""What the two end accelerations of an interval contribute at a share s of it, (2,) each.
+    r"""Shape functions of an interval: acceleration, rate and position per unit end acceleration.
 
     .. math:: \alpha = B u, \quad w = w_k + h B^{(-1)} u, \quad
               q = q_k + h s w_k + h^2 B^{(-2)} u, \quad B = (1 - s, s)
 
+    where u holds the accelerations at start and end of the interval, and h is its length.
+
+    Args:
+        s: Share of the interval, 0 to 1.
+
     Returns:
-        B and its first and second integrals.
+        B and its first and second integrals by s, shape (2,) each.
     """
     return (
         np.array([1.0 - s, s]),
@@ -33,6 +38,7 @@ def shapes(s: float) -> tuple[Array, Array, Array]:
     )
 
 
+# change of rate and position over a unit interval per unit acceleration at its start and its end
 TO_RATE, TO_POSITION = shapes(1.0)[1:]
 
 
@@ -50,7 +56,7 @@ class Grid:
 
     @classmethod
     def of(cls, given: Any) -> Grid:
-        """A grid of a number of equal intervals, or of nodes."""
+        """Grid from a number of equal intervals, or from an array of nodes."""
         if np.ndim(given) == 0:
             return cls(np.linspace(0.0, 1.0, int(given) + 1), uniform=True)
         return cls(np.asarray(given, dtype=float), uniform=False)
@@ -62,14 +68,14 @@ class Grid:
 
     @cached_property
     def steps(self) -> Array:
-        """Lengths h of the intervals, shape (N,)."""
+        """Lengths h of the intervals in normalised time, shape (N,)."""
         if self.uniform:
             return np.full(self.size, 1.0 / self.size)
         return np.diff(self.nodes)
 
     @cached_property
     def sums(self) -> Array:
-        """What unit accelerations at all ends add to the last position and rate, shape (2, 2N)."""
+        """Jacobian of last position and rate by the accelerations at all ends, shape (2, 2N)."""
         to_rate = np.outer(self.steps, TO_RATE)
         rest = 1.0 - self.nodes[1:]
         to_position = np.outer(self.steps**2, TO_POSITION) + rest[:, None] * to_rate
@@ -77,12 +83,16 @@ class Grid:
 
     @cached_property
     def least_changes(self) -> Array:
-        """Smallest accelerations that change last position and rate by one, shape (2N, 2)."""
+        """Pseudo-inverse of `sums`, shape (2N, 2).
+
+        Times a wanted change of the last position and rate it gives the least-norm change of the
+        accelerations.
+        """
         return np.asarray(self.sums.T @ np.linalg.inv(self.sums @ self.sums.T))
 
     @cached_property
     def rates_by_controls(self) -> Array:
-        """Rates at starts, middles and ends of the intervals by unit accelerations, (3, N, 2N)."""
+        """Jacobian of the rates at starts, middles and ends by the accelerations, (3, N, 2N)."""
         N = self.size
         unit = np.eye(2 * N).reshape(2 * N, N, 2).transpose(1, 2, 0)  # (N, 2, 2N)
         q, w = self.rolled(np.zeros(2 * N), np.zeros(2 * N), unit)
@@ -90,10 +100,10 @@ class Grid:
         return np.stack([w[:-1], middle, w[1:]])
 
     def rolled(self, q: Array, w: Array, controls: Array) -> tuple[Array, Array]:
-        """Positions and rates at all nodes, shape (N + 1, n) each.
+        """Integrate accelerations: positions and rates at all nodes, shape (N + 1, n) each.
 
         Args:
-            q, w: At the first node, shape (n,) each.
+            q, w: Position and rate at the first node, shape (n,) each.
             controls: Accelerations at the intervals' ends, shape (N, 2, n).
         """
         h = self.steps[:, None]
@@ -103,18 +113,18 @@ class Grid:
         rates[1:] += w
         positions = np.empty_like(rates)
         positions[0] = q
-        moved = h * rates[:-1] + h**2 * np.einsum("c,kcn->kn", TO_POSITION, controls)
-        np.cumsum(moved, axis=0, out=positions[1:])
+        increments = h * rates[:-1] + h**2 * np.einsum("c,kcn->kn", TO_POSITION, controls)
+        np.cumsum(increments, axis=0, out=positions[1:])
         positions[1:] += q
         return positions, rates
 
     def within(self, s: float, q: Array, w: Array, controls: Array) -> tuple[Array, Array, Array]:
-        """States (q, w, alpha) at a share s of all intervals, shape (N, n) each.
+        """Positions, rates and accelerations at a share s of every interval, shape (N, n) each.
 
         Args:
-            s: Share of the interval.
-            q, w: At the starts of the intervals, shape (N, n) each.
-            controls: Shape (N, 2, n).
+            s: Share of the interval, 0 to 1.
+            q, w: Position and rate at the starts of the intervals, shape (N, n) each.
+            controls: Accelerations at the intervals' ends, shape (N, 2, n).
         """
         level, once, twice = shapes(s)
         h = self.steps[:, None]
@@ -123,13 +133,24 @@ class Grid:
         return position, rate, np.einsum("c,kcn->kn", level, controls)
 
     def parents(self, fine: Grid) -> Array:
-        """Interval of this grid that the middle of each of a finer grid's intervals is in."""
+        """Index of the interval of this grid that each interval of a finer grid lies in, (N_fine,).
+
+        Decided by the middles of the fine intervals.
+        """
         middles = fine.nodes[:-1] + 0.5 * fine.steps
         found = np.searchsorted(self.nodes, middles, side="right") - 1
         return np.asarray(np.clip(found, 0, self.size - 1))
 
     def on(self, fine: Grid, controls: Array) -> Array:
-        """Accelerations of this grid (N, 2, n) on a finer one: exact where it is nested."""
+        """Accelerations of this grid on a finer grid, shape (N_fine, 2, n).
+
+        Exact where the finer grid contains all nodes of this one; otherwise the least-squares line
+        in each fine interval.
+
+        Args:
+            fine: The finer grid.
+            controls: Accelerations on this grid, shape (N, 2, n).
+        """
         parent = self.parents(fine)
         if set(np.round(self.nodes, NESTED)) <= set(np.round(fine.nodes, NESTED)):
             start, end = controls[parent, 0], controls[parent, 1]
@@ -144,5 +165,5 @@ class Grid:
         share = ((at - self.nodes[k]) / self.steps[k])[..., None]
         values = controls[k, 0] + (controls[k, 1] - controls[k, 0]) * share
         mean = values.mean(axis=1)
-        slant = np.einsum("m,kmn->kn", s - 0.5, values) / ((s - 0.5) ** 2).sum()
-        return np.stack([mean - 0.5 * slant, mean + 0.5 * slant], axis=1)
+        rise = np.einsum("m,kmn->kn", s - 0.5, values) / ((s - 0.5) ** 2).sum()
+        return np.stack([mean - 0.5 * rise, mean + 0.5 * rise], axis=1)

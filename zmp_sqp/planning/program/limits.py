@@ -1,4 +1,4 @@
-"""Rows of the staged program that are linear in its states: limits of the coordinates."""
+"""Limits of coordinates and duration, as inequality rows of the staged program."""
 
 from __future__ import annotations
 
@@ -13,17 +13,22 @@ from zmp_sqp.planning.program.stages import STATE, Stages
 
 __all__ = ["LEAST_SHARE", "Boundary", "LimitRows", "PathBounds", "PositionBound"]
 
-# inner Bernstein points of the positions, cubics: q + h p w, at the start for p > 0, at the end for
-# p < 0
+# inner Bernstein points of an interval's positions, which are cubic: q + p h w, with q and w at the
+# interval's start for p > 0 and at its end for p < 0
 POSITION_POINTS = (1.0 / 3.0, -1.0 / 3.0)
-MIDDLE = 0.5  # inner Bernstein point of the rates, parabolas: w + h u_0 / 2
-LEAST_SHARE = 0.25  # of sigma, below which no step leads
-FAR = 9e3  # [rad or m] position limits beyond count as none
+# inner Bernstein point of an interval's rates, which are quadratic: w + h u / 2, with w and u at
+# the interval's start
+MIDDLE = 0.5
+LEAST_SHARE = 0.25  # smallest ratio of sigma after a step to sigma before: keeps S positive
+FAR = 9e3  # [rad or m] position limits of this size or more get no rows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Boundary:
-    """Coordinates q and rates v at the start or the goal, shape (n,) each [rad or m, s]."""
+    """Coordinates q and rates v at the start or the goal, shape (n,) each.
+
+    Positions in rad or m, rates in rad/s or m/s.
+    """
 
     q: Array
     v: Array
@@ -34,7 +39,8 @@ class PathBounds:
     """Limits of the coordinates and of the duration.
 
     Attributes:
-        position_lower, position_upper, velocity, acceleration: Of the coordinates, shape (n,).
+        position_lower, position_upper: Limits of the coordinates, shape (n,) each [rad or m].
+        velocity, acceleration: Largest absolute values, shape (n,) each.
         least_duration: Proven lower bound of the duration [s].
     """
 
@@ -47,12 +53,12 @@ class PathBounds:
 
 @dataclass(frozen=True, slots=True)
 class PositionBound:
-    """Bound on x or y of a driving base at the nodes: sign * position <= bound.
+    """Bound on x or y of a driving base at the nodes: sign * position[axis] <= bound.
 
     Attributes:
         axis: 0 for x, 1 for y.
         sign: 1 for an upper bound, -1 for a lower one.
-        bound: [m].
+        bound: Largest signed position [m].
     """
 
     axis: int
@@ -61,12 +67,12 @@ class PositionBound:
 
 
 class LimitRows:
-    """Rows of the limits of coordinates and duration.
+    """Inequality rows of the limits of coordinates and duration; not positive where they hold.
 
-    Their order: accelerations, rates at nodes and between them, positions, sigma; upper sides
-    before lower ones. Accelerations are limited at both ends of every interval, rates and positions
-    at their Bernstein points, so that they hold everywhere. The last row keeps sigma above its
-    proven bound, and above a quarter of what it is now.
+    Order: accelerations, rates at nodes and between them, positions, base positions, sigma; upper
+    limits before lower ones. Accelerations are limited at both ends of every interval, rates and
+    positions at their Bernstein points, so that the limits hold at all times. The last row keeps
+    sigma above its proven lower bound, and above a quarter of its value at the iterate.
     """
 
     def __init__(
@@ -77,14 +83,14 @@ class LimitRows:
         ends: tuple[Array, Array],
         position_bounds: tuple[PositionBound, ...],
     ) -> None:
-        """Scale the limits.
+        """Scale the limits to the units of the stage variables.
 
         Args:
             stages: Variables and maps.
-            bounds: The limits.
+            bounds: Limits of coordinates and duration.
             reference: Duration that scales time [s].
             ends: Scaled rates at start and goal per square root of sigma, shape (n,) each.
-            position_bounds: Of a driving base.
+            position_bounds: Bounds on x and y of a driving base.
         """
         self.stages, self.bounds, self.position_bounds = stages, bounds, position_bounds
         self.first, self.last = ends
@@ -97,7 +103,7 @@ class LimitRows:
 
     @cached_property
     def columns(self) -> list[Indices]:
-        """Variables that each group's rows touch, shape (rows, width); -1 for given ones."""
+        """Variables in each group of rows, shape (rows, width) each; -1 for given states."""
         stages, N, n = self.stages, self.stages.grid.size, self.stages.n
         x, sigma = stages.columns, stages.size - 1
         both = [x[:N, :n], x[:N, n : 2 * n], x[1:, :n], x[1:, n : 2 * n], np.full((N, n), sigma)]
@@ -119,7 +125,7 @@ class LimitRows:
 
     @cached_property
     def rate_rows(self) -> slice:
-        """Rows of the rates, after the accelerations'."""
+        """Rows of the rate limits, which follow those of the accelerations."""
         sizes = [len(group) for group in self.columns]
         return slice(sum(sizes[:2]), sum(sizes[:6]))
 
@@ -132,8 +138,8 @@ class LimitRows:
         """Values of all rows, shape (count,).
 
         Args:
-            states: Scaled, shape (N + 1, nx).
-            controls: Scaled, shape (N, 2 n).
+            states: Scaled states at the nodes, shape (N + 1, nx).
+            controls: Scaled accelerations, shape (N, 2 n).
             sigma: Scaled squared duration.
         """
         stages, n = self.stages, self.stages.n
@@ -157,40 +163,40 @@ class LimitRows:
 
     @property
     def _control_step(self) -> Array:
-        """Scaled rate per scaled acceleration and unit of time."""
+        """Scaled rate per scaled acceleration and unit of normalised time, shape (n,)."""
         return self.stages.control_scale / self.stages.rate_scale
 
     def entries(self, sigma: float) -> tuple[list[Array], Array]:
-        """Entries of the Jacobian by group, and what given rates at both ends add to sigma's.
+        """Entries of the Jacobian, group by group, at a scaled squared duration.
 
         Returns:
-            Arrays of the shapes of `columns`, and the additions, shape (count,).
+            Arrays of the shapes of `columns`; derivatives by sigma due to boundary rates, (count,).
         """
         stages, n, N = self.stages, self.stages.n, self.stages.grid.size
-        sqrt_slope = 0.5 / np.sqrt(sigma)
-        first, last = sqrt_slope * self.first, sqrt_slope * self.last
-        by_sigma = sqrt_slope * self.rate
+        sqrt_derivative = 0.5 / np.sqrt(sigma)
+        first, last = sqrt_derivative * self.first, sqrt_derivative * self.last
+        by_sigma = sqrt_derivative * self.rate
         u, groups, added = stages.control_entries, [], []
 
         def add(
             entries: Array, at_first: Array | None = None, at_last: Array | None = None
         ) -> None:
-            """A group (N, R, width) whose first and last interval see the rates at the ends."""
-            more = np.zeros(entries.shape[:2])
+            """Add a group (N, R, width), with the effect of boundary rates on its end intervals."""
+            through_boundary = np.zeros(entries.shape[:2])
             if at_first is not None:
-                more[0] += at_first
+                through_boundary[0] += at_first
             if at_last is not None:
-                more[-1] += at_last
+                through_boundary[-1] += at_last
             if self.moving and entries.shape[2] > 1:
-                entries[..., -1] += more
+                entries[..., -1] += through_boundary
             groups.append(entries)
-            added.append(more.ravel())
+            added.append(through_boundary.ravel())
 
         for sign in (1.0, -1.0):
             of_controls = np.empty((N, ENDS, n, 5))
             of_controls[..., :4], of_controls[..., 4] = sign * u, -self.control
             start, end = of_controls[0, ..., 1] * first, of_controls[-1, ..., 3] * last
-            unscaled = 1.0 / STATE  # rates at the ends are no variables
+            unscaled = 1.0 / STATE  # boundary rates are no variables, so STATE does not apply
             add(
                 of_controls.reshape(N, ENDS * n, 5),
                 unscaled * start.ravel(),

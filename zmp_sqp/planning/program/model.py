@@ -1,4 +1,4 @@
-"""The arm on a standing base, as the stages of the nonlinear program see it."""
+"""Inverse dynamics of an arm on a standing base, in normalised time."""
 
 from __future__ import annotations
 
@@ -16,20 +16,21 @@ __all__ = ["ArmModel"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmModel:
-    r"""The arm on a standing base, in coordinates y that drive its joints.
+    r"""Inverse dynamics of an arm on a standing base, in coordinates y that determine its joints.
 
     In normalised time s = t / T, with w = T v, alpha = T^2 a and S = T^2, the efforts times S are
 
     .. math:: M(q) \alpha + h(q, w) - S M_{root}(q) g
 
-    which is inverse dynamics with gravity scaled by S: affine in (alpha, S) and quadratic in w.
-    Arguments and derivatives below are those of the coordinates: q, w, alpha stand for y, y', y''.
+    which is inverse dynamics with gravity scaled by S: affine in (alpha, S) and quadratic in w. The
+    arguments q, w, alpha of the methods are y and its first two derivatives by s.
 
     Attributes:
-        machine: The machine.
-        gravity: In the root frame, shape (3,) [m/s^2].
-        coordinates: From y to the joints.
-        joint_efforts: Whether the joints' efforts follow the ground reaction wrench.
+        machine: Machine with its payload.
+        gravity: Acceleration g of gravity in the root frame, shape (3,) [m/s^2].
+        coordinates: Map from y to the joint positions.
+        joint_efforts: Whether the efforts are the ground reaction wrench and the joint efforts
+            (R = 6 + number of joints), or the wrench alone (R = 6).
     """
 
     machine: Machine
@@ -47,12 +48,14 @@ class ArmModel:
     def efforts(
         self, q: Array, w: Array, alpha: Array, S: float, positions: Array | None = None
     ) -> Array:
-        """S times the efforts, shape (K, R) [N s^2, N m s^2]; positions are not used.
+        """S times the efforts (ground reaction wrench [, joint efforts]), shape (K, R).
+
+        Forces in N s^2, moments in N m s^2, about the root origin in root axes.
 
         Args:
             q, w, alpha: Coordinates and their derivatives by s, shape (K, n) each.
             S: Squared duration [s^2].
-            positions: Not used.
+            positions: Not used: the base stands.
         """
         return efforts(
             self.machine,
@@ -64,7 +67,7 @@ class ArmModel:
     def effort_derivatives(
         self, q: Array, w: Array, alpha: Array, S: float, positions: Array | None = None
     ) -> tuple[Array, Array]:
-        """Efforts with their Jacobian by (q, w, alpha, S), shapes (K, R) and (K, R, 3n + 1).
+        """S times the efforts, (K, R), and their Jacobian by (q, w, alpha, S), (K, R, 3n + 1).
 
         Args:
             q, w, alpha, S, positions: Arguments of `efforts`.
@@ -77,10 +80,10 @@ class ArmModel:
         )
         n = self.size
         jacobian = np.empty((*found.effort.shape, 3 * n + 1))
-        parts = (found.wrt_position, found.wrt_rate, found.wrt_joint_acceleration)
-        for i, part in enumerate(parts):
-            drawn = part if self.coordinates.is_identity else part @ self.coordinates.G
-            jacobian[:, :, i * n : (i + 1) * n] = drawn
+        jacobians = (found.wrt_position, found.wrt_rate, found.wrt_joint_acceleration)
+        for i, part in enumerate(jacobians):
+            by_coordinates = part if self.coordinates.is_identity else part @ self.coordinates.G
+            jacobian[:, :, i * n : (i + 1) * n] = by_coordinates
         jacobian[:, :, -1] = found.by_a[:, :, :3] @ -self.gravity
         return found.effort, jacobian
 

@@ -1,4 +1,4 @@
-"""The path constraints' rows at the stages of the nonlinear program, for all corners."""
+"""Rows of the path constraints at states of the nonlinear program, for all corners."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from zmp_sqp.planning.program.corners import CornerEfforts, CornerModels
 __all__ = ["BoundConstraints", "CornerRows", "StageExpansion", "StageRows"]
 
 
-Named = tuple[str, ConstraintRows]  # the constraint's name, and its rows
+Named = tuple[str, ConstraintRows]  # name of a constraint, and its rows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,9 +26,9 @@ class CornerRows:
     """Rows of all constraints at one corner of payload and slope.
 
     Attributes:
-        model: The machine at this corner.
+        model: Inverse dynamics of the machine at this corner.
         rows: Rows that depend on payload or slope, with the names of their constraints.
-        spread: Of the payload's centre of mass, see `Corner` [kg m^2].
+        spread: Spread of the payload's centre of mass, see `Corner` [kg m^2].
     """
 
     model: StageModel
@@ -47,16 +47,16 @@ class CornerRows:
 
     @property
     def others(self) -> tuple[ConstraintRows, ...]:
-        """All other rows."""
+        """Rows that depend on the corner but are not affine in the efforts."""
         return tuple(rows for _, rows in self.rows if not isinstance(rows, EffortRows))
 
 
 @dataclass(frozen=True, eq=False)
 class BoundConstraints:
-    """The constraints of a problem, bound to its machine at every corner.
+    """Constraints of a problem, bound to its machine at every corner of payload and slope.
 
     Attributes:
-        corners: At least one.
+        corners: Rows at each corner, at least one.
         common: Rows that depend on neither payload nor slope, evaluated at the first corner.
     """
 
@@ -64,33 +64,35 @@ class BoundConstraints:
     common: tuple[Named, ...]
 
     def at(self, corners: Sequence[int]) -> BoundConstraints:
-        """The constraints at some of the corners only."""
+        """These constraints at some of the corners only."""
         return BoundConstraints(tuple(self.corners[i] for i in corners), self.common)
 
     def tightened(self, amounts: Mapping[str, float]) -> BoundConstraints:
-        """The constraints with limits drawn in, by amounts in their own unit.
+        """These constraints with tighter limits.
 
         Args:
-            amounts: By the names of the constraints.
+            amounts: Amount of tightening by name of the constraint, in the constraint's unit.
         """
         if not amounts:
             return self
 
-        def drawn_in(named: tuple[Named, ...]) -> tuple[Named, ...]:
+        def tightened_rows(named: tuple[Named, ...]) -> tuple[Named, ...]:
             return tuple(
                 (name, rows.tightened(amounts[name]) if name in amounts else rows)
                 for name, rows in named
             )
 
-        corners = tuple(replace(corner, rows=drawn_in(corner.rows)) for corner in self.corners)
-        return BoundConstraints(corners, drawn_in(self.common))
+        corners = tuple(
+            replace(corner, rows=tightened_rows(corner.rows)) for corner in self.corners
+        )
+        return BoundConstraints(corners, tightened_rows(self.common))
 
     def outside(
         self, q: Array, w: Array, alpha: Array, S: float, positions: Array | None = None
     ) -> float:
-        """How far the zero moment point is beyond its margin at most, over all corners [m].
+        """Largest violation of the ZMP margin over all states and corners [m].
 
-        Infinite where the ground would have to pull.
+        Negative where the margin is kept; infinite where the ground would have to pull.
 
         Args:
             q, w, alpha, S, positions: As for `StageModel.efforts`.
@@ -100,9 +102,9 @@ class BoundConstraints:
     def outside_by_corner(
         self, q: Array, w: Array, alpha: Array, S: float, positions: Array | None = None
     ) -> Array:
-        """How far the zero moment point is beyond its margin at most, at each corner, (V,) [m].
+        """Largest violation of the ZMP margin over all states, at each corner, shape (V,) [m].
 
-        Infinite where the ground would have to pull.
+        Negative where the margin is kept; infinite where the ground would have to pull.
 
         Args:
             q, w, alpha, S, positions: As for `StageModel.efforts`.
@@ -121,28 +123,31 @@ class BoundConstraints:
 
     @cached_property
     def models(self) -> CornerModels | None:
-        """Efforts of all corners from those of few; None for a single corner."""
+        """Inverse dynamics of all corners from that of a few; None for a single corner."""
         if len(self.corners) == 1:
             return None
         return CornerModels.of([corner.model for corner in self.corners])
 
     @property
     def half_width(self) -> float:
-        """Median distance of the support polygon's edges, less margin, from the root axis [m]."""
+        """Median distance of the support polygon's edges from the root axis, less margin [m]."""
         return float(np.median([-rows.C[:, 2] for rows in self.corners[0].tip_over]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StageExpansion:
-    """Rows at K states and many corners, with derivatives of as many rows as are asked for.
+    """First-order expansion of the rows at K states and many corners.
+
+    Derivatives of rows that are affine in the efforts are formed only when asked for.
 
     Attributes:
-        layout: The rows.
-        values: Shape (K, E).
-        efforts: At all corners.
+        layout: Number and order of the rows.
+        values: Values of the rows, shape (K, E).
+        efforts: Efforts at all corners, with their derivatives.
         others: Derivatives by (q, w, alpha, S [, positions]) of the rows of each corner that are
             not affine in the efforts, shape (K, V, O, 3n + 1 [+ 2]).
-        common: Of the rows that do not depend on the corner, shape (K, F, 3n + 1 [+ 2]).
+        common: Derivatives by the same variables of the rows that do not depend on the corner,
+            shape (K, F, 3n + 1 [+ 2]).
     """
 
     layout: StageRows
@@ -155,26 +160,28 @@ class StageExpansion:
         """Derivatives of L rows by (q, w, alpha, S [, positions]), shape (L, 3n + 1 [+ 2]).
 
         Args:
-            state, row: Of each one, shape (L,).
+            state, row: Indices of the state and the row of each derivative, shape (L,) each.
         """
         layout, found = self.layout, np.empty((len(row), self.common.shape[2]))
-        corner, place = np.divmod(row, layout.per_corner)
+        corner, position = np.divmod(row, layout.per_corner)
         shared = row >= layout.of_corners
         found[shared] = self.common[state[shared], row[shared] - layout.of_corners]
-        other = ~shared & (place >= layout.effort_rows)
-        found[other] = self.others[state[other], corner[other], place[other] - layout.effort_rows]
+        other = ~shared & (position >= layout.effort_rows)
+        found[other] = self.others[
+            state[other], corner[other], position[other] - layout.effort_rows
+        ]
         some = np.flatnonzero(~shared & ~other)
-        v, e = corner[some], place[some]
+        v, e = corner[some], position[some]
         of_efforts = self.efforts.derivatives(v, state[some], layout.matrices[v, e])
         of_efforts[:, 3 * layout.size] += layout.offsets[v, e] / layout.S
         found[some] = of_efforts
         return found
 
     def change(self, step: Array) -> Array:
-        """Change of all rows to first order, shape (K, E).
+        """First-order change of all rows, shape (K, E).
 
         Args:
-            step: Of (q, w, alpha, S [, positions]), shape (K, 3n + 1 [+ 2]).
+            step: Change of (q, w, alpha, S [, positions]), shape (K, 3n + 1 [+ 2]).
         """
         layout = self.layout
         by_S = step[:, 3 * layout.size] / layout.S
@@ -185,29 +192,30 @@ class StageExpansion:
 
 
 class StageRows:
-    """E rows at K states, scaled to order one by the reference duration, and at most zero.
+    """The E rows of all path constraints at a state; not positive where the constraints hold.
 
-    Order: corner by corner the rows that are affine in the efforts, then the others of that corner;
-    at the end those that do not depend on the corner. Where there are many corners, efforts and
-    their derivatives follow from those of few (`CornerModels`).
+    Rows are divided by the squared reference duration, which scales them to order one. Order: for
+    each corner the rows that are affine in the efforts, then the other rows of that corner; at the
+    end the rows that do not depend on the corner. With more than one corner, efforts and their
+    derivatives are combined from those of a few corners (`CornerModels`).
 
     Attributes:
-        reference, S: Duration that scales time, and its square [s, s^2].
-        corners: The machine at each corner, with its rows.
-        models: Efforts of all corners from those of few; None for a single corner.
+        reference, S: Reference duration that scales time, and its square [s, s^2].
+        corners: Model and rows at each of the V corners.
+        models: Inverse dynamics of all corners from that of a few; None for a single corner.
         count: Number E of rows.
         effort_rows: Number of a corner's rows that are affine in the efforts.
         per_corner: Number of all rows of a corner.
-        matrices: On the efforts times S, shape (V, effort_rows, R).
-        offsets: Per unit of S / reference^2, shape (V, effort_rows).
+        matrices: Factors of the efforts times S in the affine rows, shape (V, effort_rows, R).
+        offsets: Constants of the affine rows per unit of S / reference^2, (V, effort_rows).
         tolerance: Largest violation of each row at a solution, shape (E,).
     """
 
     def __init__(self, bound: BoundConstraints, reference: float) -> None:
-        """Stack the rows.
+        """Stack the affine rows of every corner in one matrix.
 
         Args:
-            bound: The constraints; all corners have equally many rows.
+            bound: The constraints; all corners have the same number of rows.
             reference: Duration that scales time [s].
         """
         self.reference, self.S = reference, reference**2
@@ -238,7 +246,7 @@ class StageRows:
     def evaluate(
         self, q: Array, w: Array, alpha: Array, S: float, positions: Array | None = None
     ) -> Array:
-        """Values of the rows, shape (K, E).
+        """Values of the rows at K states, shape (K, E).
 
         Args:
             q, w, alpha, S, positions: As for `StageModel.efforts`.
@@ -258,7 +266,7 @@ class StageRows:
     def linearize(
         self, q: Array, w: Array, alpha: Array, S: float, positions: Array | None = None
     ) -> tuple[Array, Array]:
-        """Values (K, E), and Jacobian (K, E, 3n + 1 [+ 2]) by (q, w, alpha, S [, positions]).
+        """Values (K, E) and Jacobian (K, E, 3n + 1 [+ 2]) by (q, w, alpha, S [, positions]).
 
         Args:
             q, w, alpha, S, positions: As for `StageModel.efforts`.
@@ -282,7 +290,7 @@ class StageRows:
     def expand(
         self, q: Array, w: Array, alpha: Array, S: float, positions: Array | None = None
     ) -> StageExpansion:
-        """Values, and derivatives of what will be asked for; with many corners only.
+        """First-order expansion for more than one corner, with derivatives formed on demand.
 
         Args:
             q, w, alpha, S, positions: As for `StageModel.efforts`.
@@ -312,7 +320,11 @@ class StageRows:
 
     @cached_property
     def by_turning(self) -> Array | None:
-        """What rows owe to `moment_of_spread`, per unit of turning, shape (E,); None if nothing."""
+        """Factor of `moment_of_spread` per unit of spread in each row, (E,); None if all are zero.
+
+        How much the row grows at most when the payload's centre of mass is inside its box, per unit
+        of the bound on the turning of the links.
+        """
         spread = np.array([corner.spread for corner in self.corners])
         if not spread.any():
             return None
@@ -326,12 +338,12 @@ class StageRows:
         return np.asarray(found[0])
 
     def assembled(self, of_efforts: Array, others: Array, common: Array) -> Array:
-        """Rows in their order, shape (K, E).
+        """Values of all rows in their order, shape (K, E).
 
         Args:
-            of_efforts: Shape (V, K, effort_rows).
-            others: Shape (K, V, O).
-            common: Shape (K, F).
+            of_efforts: Rows that are affine in the efforts, shape (V, K, effort_rows).
+            others: Other rows of each corner, shape (K, V, O).
+            common: Rows that do not depend on the corner, shape (K, F).
         """
         V, K, _ = of_efforts.shape
         found = np.empty((K, self.count))
@@ -348,7 +360,7 @@ class StageRows:
     def _values(
         self, efforts: Array, S: float, others: Sequence[Array], common: Sequence[Array]
     ) -> Array:
-        """Rows in their order, shape (K, E), from efforts (V, K, R) and values of all others."""
+        """All rows in their order, (K, E), from efforts (V, K, R) and the values of other rows."""
         of_efforts = efforts @ self.matrices.transpose(0, 2, 1)
         of_efforts += (S / self.S) * self.offsets[:, None]
         V, K = efforts.shape[:2]
@@ -367,12 +379,13 @@ class StageRows:
     ) -> Array:
         """Hessian of `weights . rows` by (q, w, alpha, S), shape (K, 3n + 1, 3n + 1).
 
-        With many corners that of the efforts is taken at the corner whose rows weigh most, with the
-        weights of all corners: payloads and gravities differ by little, and their rows are alike.
+        With many corners, affine rows of all corners use the curvature of the efforts at the corner
+        with the largest sum of weights: payloads and gravities differ little between corners.
 
         Args:
             q, w, alpha, S, positions: As for `StageModel.efforts`.
-            weights: Shape (K, E); states whose weights for a group of rows vanish cost nothing.
+            weights: Weight (multiplier) of each row, shape (K, E). States where all weights of a
+                group of rows are zero are skipped.
         """
         n, corners = self.size, len(self.corners)
         H = np.zeros((len(q), 3 * n + 1, 3 * n + 1))
@@ -393,12 +406,12 @@ class StageRows:
                     H[some] += rows.curvature(sample(corner, some), part[some] / self.S)
 
         of_efforts = by_corner[:, :, : self.effort_rows]
-        hardest = of_efforts.sum(axis=2).argmax(axis=1)
+        heaviest = of_efforts.sum(axis=2).argmax(axis=1)
         active = np.flatnonzero(of_efforts.any(axis=(1, 2)))
         matrix = self.matrices.reshape(corners * self.effort_rows, -1)
         factors = of_efforts[active].reshape(len(active), corners * self.effort_rows) @ matrix
-        for corner in np.unique(hardest[active]).tolist():
-            chosen = hardest[active] == corner
+        for corner in np.unique(heaviest[active]).tolist():
+            chosen = heaviest[active] == corner
             some = active[chosen]
             H[some] += effort_curvature(sample(corner, some), factors[chosen])
         for corner, groups in enumerate(self._others):
@@ -409,7 +422,7 @@ class StageRows:
     def _samples(
         self, q: Array, w: Array, alpha: Array, S: float, positions: Array | None
     ) -> list[StageSample]:
-        """The states at every corner."""
+        """K states with the model of each corner."""
         return [StageSample(corner.model, q, w, alpha, S, positions) for corner in self.corners]
 
 
@@ -418,7 +431,7 @@ def _tolerance(rows: ConstraintRows) -> Array:
 
 
 def _stacked(rows: tuple[EffortRows, ...], S: float) -> tuple[Array, Array]:
-    """One matrix on efforts times S, scaled by the reference; offsets per unit of S / S_ref."""
+    """Matrix of the efforts times S, scaled by S_ref, and constants per unit of S / S_ref."""
     columns = max(part.C.shape[1] for part in rows)
     C = np.vstack([part.matrix(columns) for part in rows])
     divisor = np.concatenate([part.divisor for part in rows])

@@ -1,4 +1,4 @@
-"""From a point of the staged program to a motion in seconds."""
+"""Conversion of a point of the staged program into a trajectory in seconds."""
 
 from __future__ import annotations
 
@@ -11,37 +11,39 @@ from zmp_sqp.planning.program.staged import Motion, StagedProgram
 
 __all__ = ["trajectory"]
 
-# relative, of the duration: within it, limits that meeting the boundary states to the last digit
-# exceeds on coarse grids are kept by going slower
+# largest stretch of the duration, relative, that makes good for limits exceeded by rounding: on
+# coarse grids, meeting the boundary states to the last digit changes accelerations a little
 STRETCH = 1e-3
-# tried in turn: boundary rates stay, so that in motion the path changes with the duration
+# multiples of the needed stretch, tried in turn: boundary rates do not scale with the duration, so
+# that the path of a motion that does not start or end at rest changes with it
 STRETCHES = (1.0, 2.0, 4.0)
-LEAST_TIME = 1e-9  # [s] by which motions so short that rounding shows may be stretched
-ARRIVED = 1e-9  # [m] from the goal: nearer, nothing is gained
+LEAST_TIME = 1e-9  # [s] stretch allowed at any duration: very short motions show rounding
+ARRIVED = 1e-9  # [m] largest distance of a driving base from its goal that is not corrected
 
 
 def trajectory(problem: Problem, program: StagedProgram, point: Motion) -> Trajectory:
-    """The motion in seconds: it arrives to the last digit, and rounding breaks no limit.
+    """Trajectory in seconds that meets the goal, stretched slightly where rounding breaks a limit.
 
-    The true path of a base departs a little from that of the program's Runge-Kutta steps. So the
-    program is made to end as far from the goal on the other side.
+    The exact path of a driving base differs a little from the program's Runge-Kutta steps. The
+    accelerations are therefore corrected until the exact path ends at the goal: the target of the
+    Runge-Kutta path is moved by what the exact path misses the goal by.
     """
     if program.drive is None:
         return _motion(problem, program, point, None)
-    aim, before = program.drive.goal, np.inf
+    aim, previous = program.drive.goal, np.inf
     while True:
         found = _motion(problem, program, point, aim)
         miss = np.zeros(2) if found.base is None else program.drive.goal - found.base.poses[-1, :2]
-        far = float(np.abs(miss).max())
-        if far <= ARRIVED or far > 0.1 * before:  # what is left lies sideways
+        distance = float(np.abs(miss).max())
+        if distance <= ARRIVED or distance > 0.1 * previous:  # what is left is sideways
             return found
-        before, aim = far, aim + miss
+        previous, aim = distance, aim + miss
 
 
 def _motion(
     problem: Problem, program: StagedProgram, point: Motion, aim: Array | None
 ) -> Trajectory:
-    """Motion whose base, if there is one, ends at `aim` after the program's own steps."""
+    """Trajectory of a point; the Runge-Kutta path of a driving base is made to end at `aim`."""
     coordinates, undercarriage = problem.coordinates, problem.undercarriage
     limits = problem.machine.limits.followed_by(undercarriage.limits)
     size, grid = coordinates.size, program.grid
@@ -62,7 +64,7 @@ def _motion(
     q, w, controls, duration = motion(point.sigma)
     for factor in STRETCHES:
         rates, accelerations = np.abs(w) / limits.velocity, np.abs(controls) / limits.acceleration
-        # the duration at which no limit is exceeded
+        # shortest duration at which a motion with the same path keeps all limits
         needed = max(float(rates.max()), float(np.sqrt(accelerations.max())))
         if not duration < needed <= duration * (1.0 + STRETCH) + LEAST_TIME:
             break

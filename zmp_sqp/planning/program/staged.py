@@ -1,4 +1,4 @@
-"""The optimal control problem as a nonlinear program of stages, in normalised time."""
+"""Nonlinear program of a motion, by multiple shooting in normalised time."""
 
 from __future__ import annotations
 
@@ -32,27 +32,32 @@ __all__ = ["Motion", "StagedProgram"]
 
 Mask = npt.NDArray[np.bool_]
 
-# weight of the mean squared scaled acceleration, which picks one of many fastest motions: trades
+# weight of the mean squared scaled acceleration, which picks one of many fastest motions; it costs
 # less than 0.05 % of the duration
 REGULARIZATION = 3e-4
-POINTS = 3  # of an interval at which nonlinear rows are imposed: start, end, middle control point
-INSIDE = (0.2113, 0.7887)  # shares of an interval where rows are compared with their parabola
+POINTS = 3  # per interval where nonlinear rows are imposed: start, end, middle control point
+# shares of an interval at which rows are compared with their parabola (`StagedProgram.excess`): the
+# Gauss points, and a finer set for the last iterations
+INSIDE = (0.2113, 0.7887)
 INSIDE_FINE = (0.1, 0.2, 0.3, 0.4, 0.6, 0.7, 0.8, 0.9)
-DUST = 1e-7  # of the largest multiplier: smaller ones bring no curvature
-LINEAR_TOLERANCE = 2e-7  # violation of limits at a solution, scaled
-# control limits take part far from feasibility where an acceleration is on their side, or nearly
-DECISIVE, DECISIVE_EARLY = 0.6, 0.9  # of the limit, on the other side
+DUST = 1e-7  # relative to the largest multiplier: rows with smaller ones add no curvature
+LINEAR_TOLERANCE = 2e-7  # largest scaled violation of a limit at a solution
+# `decisive` selects an acceleration limit where the acceleration is above 1 - 0.6 of it, in the
+# first iterations above 1 - 0.9 of it
+DECISIVE, DECISIVE_EARLY = 0.6, 0.9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """A point of the program: a motion that starts and ends as asked, but for a base's position.
+    """Point of the program: a motion that meets both boundary states and closes all gaps.
+
+    Only the position of a driving base may miss its goal.
 
     Attributes:
         controls: Scaled accelerations at both ends of the intervals, shape (N, 2 n).
-        sigma: Squared duration over that of the reference.
-        states: Scaled states at the nodes, which follow, shape (N + 1, nx).
-        moves: Displacements of a driving base, which follow; None if it stands.
+        sigma: Squared duration over the squared reference duration.
+        states: Scaled states at the nodes, integrated from the controls, shape (N + 1, nx).
+        moves: Displacements of a driving base, from the states; None if it stands.
     """
 
     controls: Array
@@ -63,29 +68,29 @@ class Motion:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Memory:
-    """What a linearisation keeps for the Hessian, and for rows between their points.
+    """Data of a linearisation that the Hessian at its point needs.
 
     Attributes:
-        motion: The point.
-        states: (q, w, alpha) at starts, ends and middles, shape (3N, n) each.
-        places: Positions of a base there, shape (3N, 2), or None.
-        by_ends: What given rates at both ends add to sigma's column, by inequality, (m,); by limit
-            only where `C` forms rows on demand.
-        drive: Displacements of a base in the intervals, or None.
+        motion: Point of the linearisation.
+        states: (q, w, alpha) at starts, ends and middles of the intervals, shape (3N, n) each.
+        base_positions: Base positions there, shape (3N, 2); None where rows do not depend on them.
+        by_ends: Derivative of each inequality by sigma through the boundary rates v sqrt(S), shape
+            (m,); of the limits only where `C` is a `CornerJacobian`.
+        displacements: Displacements of a driving base, or None.
         C: Jacobian of the inequalities.
     """
 
     motion: Motion
     states: tuple[Array, Array, Array]
-    places: Array | None
+    base_positions: Array | None
     by_ends: Array
-    drive: Any
+    displacements: Any
     C: Rows | CornerJacobian
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Patterns:
-    """Sparsity of the program's matrices."""
+    """Sparsity patterns of Hessian H, inequality Jacobian C and equality Jacobian A."""
 
     H: Pattern
     C: Pattern
@@ -93,28 +98,30 @@ class _Patterns:
 
 
 class StagedProgram:
-    r"""Nonlinear program of motions with linear accelerations within the intervals of a grid.
+    r"""Minimum-time motions whose accelerations are linear within the intervals of a grid.
 
     .. math::
         \min \sigma + \tfrac{\epsilon}{4 N n} \sum |u_k|^2, \quad
         |w_k| \le v \sqrt{S}, \; |u_k| \le a S, \; r(q, w, \alpha, S) \le 0
 
-    with S = T^2 = sigma S_ref, boundary rates v_0 sqrt(S) and v_f sqrt(S). The joints' motion does
-    not contain T.
+    with S = T^2 = sigma S_ref and boundary rates v_0 sqrt(S), v_f sqrt(S). In normalised time the
+    integration of the coordinates does not contain T. `Stages` explains the variables.
 
-    Nonlinear rows r (`StageRows`) hold at both ends of every interval, because accelerations jump
-    at the nodes, and at the middle Bernstein control point 2 r(1/2) - (r(0) + r(1)) / 2 of the
-    parabola through start, middle and end, so that this parabola keeps the bound everywhere. Limits
-    (`LimitRows`) hold at Bernstein points, that is everywhere.
+    Nonlinear rows r (`StageRows`) are imposed at both ends of every interval, because accelerations
+    jump at the nodes, and at the middle Bernstein control point 2 r(1/2) - (r(0) + r(1)) / 2 of the
+    parabola through the values at start, middle and end, so that this parabola is at most zero in
+    the whole interval. Limits (`LimitRows`) are imposed at Bernstein points and hold at all times.
 
-    Where the centre of mass of a payload may lie anywhere in a box, rows contain what its corners
-    miss (`moment_of_spread`), below a hundredth of the polygon's size. Derivatives leave it out.
+    Where the centre of mass of a payload may lie anywhere in a box, the corners of the box do not
+    cover the whole moment. Rows are raised by the difference (`moment_of_spread`, below a hundredth
+    of the polygon's size); derivatives leave it out.
 
-    Curvature of the three points of an interval is taken at its middle, with the sum of their
-    multipliers: clipping them one by one would keep parts that cancel.
+    The Hessian evaluates the curvature of an interval's rows at its middle, with the multipliers of
+    its three points added up. Clipping the three points separately would leave in the Hessian parts
+    that cancel in the sum.
 
-    Inequalities: nonlinear rows by interval, point and row; then the limits. Equalities: positions
-    of a driving base at the ends of the intervals.
+    Inequalities: nonlinear rows by interval, point and row; then the limits. Equalities: gaps of
+    the position of a driving base at the ends of the intervals.
     """
 
     def __init__(
@@ -128,15 +135,15 @@ class StagedProgram:
         drive: Positions | None = None,
         position_bounds: tuple[PositionBound, ...] = (),
     ) -> None:
-        """Scale and lay out.
+        """Scale the program and build its sparsity patterns.
 
         Args:
-            rows: The path constraints; their reference duration scales time.
+            rows: Rows of the path constraints; their reference duration scales time.
             start, goal: Boundary states.
-            bounds: Limits of the coordinates.
-            grid: Of normalised time.
-            drive: Where a base drives; None if it stands.
-            position_bounds: On x and y of a driving base.
+            bounds: Limits of coordinates and duration.
+            grid: Grid of normalised time.
+            drive: Dynamics of the position of a driving base; None if it stands.
+            position_bounds: Bounds on x and y of a driving base at the nodes.
         """
         self.rows, self.start, self.goal, self.bounds = rows, start, goal, bounds
         self.grid, self.n, self.reference, self.drive = grid, rows.size, rows.reference, drive
@@ -148,7 +155,7 @@ class StagedProgram:
         positions = 0 if drive is None else 2
         scales = self.rate_scale, self.control_scale
         self.stages = Stages(grid, self.n, positions, *scales, S)
-        # scaled rates at both ends per square root of sigma
+        # scaled boundary rates per square root of sigma
         self.first, self.last = (
             side.v * self.reference / self.rate_scale for side in (start, goal)
         )
@@ -167,11 +174,11 @@ class StagedProgram:
     # --- points -----------------------------------------------------------------------------
 
     def motion(self, controls: Array, sigma: float) -> Motion:
-        """The motion with these scaled accelerations, changed least so that it ends as asked.
+        """Motion by the least-norm change of given accelerations that meets the goal.
 
         Args:
-            controls: Shape (N, 2 n).
-            sigma: Scaled squared duration.
+            controls: Scaled accelerations at both ends of the intervals, shape (N, 2 n).
+            sigma: Squared duration over the squared reference duration.
         """
         n, N = self.n, self.grid.size
         T = self.reference * np.sqrt(sigma) if sigma > 0.0 else np.nan
@@ -180,7 +187,7 @@ class StagedProgram:
         wanted = np.vstack([self.goal.q - self.start.q - first, (self.goal.v - self.start.v) * T])
         missed = wanted - self.grid.sums @ unscaled
         change = self.grid.least_changes @ missed
-        if self.drive is not None:  # the path may have any length
+        if self.drive is not None:  # the path length at the goal is free
             to_rate = self.grid.sums[1]
             change[:, n - 2] = to_rate * (missed[1, n - 2] / (to_rate @ to_rate))
         unscaled = (unscaled + change).reshape(N, ENDS, n)
@@ -193,19 +200,19 @@ class StagedProgram:
         return Motion(scaled, float(sigma), np.hstack(states), moves)
 
     def pack(self, controls: Array, S: float) -> Motion:
-        """The motion nearest to accelerations (N, 2, n) [T^2 a] at a squared duration [s^2]."""
+        """Motion nearest to accelerations T^2 a, shape (N, 2, n), at a squared duration S [s^2]."""
         scaled = (controls / self.control_scale).reshape(self.grid.size, -1)
         return self.motion(scaled, S / self.reference**2)
 
     def unpack(self, point: Motion) -> tuple[Array, Array, Array, float]:
-        """Unscaled (q, w, controls, S), shapes (N+1, n), (N+1, n), (N, 2, n), scalar [s^2]."""
+        """Unscaled (q, w, controls, S) of a motion, shapes (N+1, n), (N+1, n), (N, 2, n), ()."""
         n = self.n
         q, w = point.states[:, :n], point.states[:, n : 2 * n] * self.rate_scale
         controls = point.controls.reshape(self.grid.size, ENDS, n) * self.control_scale
         return q, w, controls, point.sigma * self.reference**2
 
     def moved(self, lin: Linearization, point: Motion, step: Array) -> Motion:
-        """The motion after a step of the variables, gaps closed and goal met exactly."""
+        """Motion after a step of the variables, with gaps closed and goal met exactly."""
         change = self._stage_steps(step, point.sigma)
         M = self.stages.hermite
         controls = np.einsum(
@@ -213,12 +220,12 @@ class StagedProgram:
             np.broadcast_to(M, (self.grid.size, *M.shape[1:]))[:, self.stages.controls],
             change,
         )
-        # a screened program may miss the row that keeps sigma above LEAST_SHARE of what it is
+        # a QP that leaves out the row of LEAST_SHARE may lower sigma further
         sigma = max(point.sigma + float(step[-1]), 0.5 * LEAST_SHARE * point.sigma)
         return self.motion(point.controls + controls, sigma)
 
     def _stage_steps(self, step: Array, sigma: float) -> Array:
-        """Change of each mapped stage's variables, given rates at the ends included, (N, m)."""
+        """Change of the mapped stage variables, boundary rates v sqrt(S) included, (N, m)."""
         columns = self.stages.stage_columns
         change = np.where(columns >= 0, step[columns], 0.0)
         by_sigma = 0.5 / np.sqrt(sigma) * step[-1] / STATE
@@ -229,30 +236,32 @@ class StagedProgram:
     # --- the nonlinear program --------------------------------------------------------------
 
     def evaluate(self, point: Motion) -> Evaluation:
-        """Values at a motion."""
+        """Values of objective and constraints at a motion."""
         if not point.sigma > 0.0:
-            nothing = np.full((3 * self.grid.size, self.rows.count), np.nan)
-            return self._evaluation(point, nothing, None)
-        states, places, _ = self._samples(point)
+            undefined = np.full((3 * self.grid.size, self.rows.count), np.nan)
+            return self._evaluation(point, undefined, None)
+        states, base_positions, _ = self._samples(point)
         S = point.sigma * self.reference**2
-        return self._evaluation(point, self.rows.evaluate(*states, S, places), places)
+        return self._evaluation(
+            point, self.rows.evaluate(*states, S, base_positions), base_positions
+        )
 
     def linearize(self, point: Motion) -> Linearization:
-        """Values and first derivatives at a motion."""
-        states, places, drive = self._samples(point)
+        """Values and first derivatives of objective and constraints at a motion."""
+        states, base_positions, displacements = self._samples(point)
         N = self.grid.size
-        form = self._all_rows if self.rows.models is None else self._rows_on_demand
-        values, C, by_ends = form(states, places, drive, point.sigma)
+        expand = self._all_rows if self.rows.models is None else self._rows_on_demand
+        values, C, by_ends = expand(states, base_positions, displacements, point.sigma)
         A = None
         if self.drive is not None and self._patterns.A is not None:
-            moves = self.drive.end_derivatives(self.stages, drive)
-            moves = self._folded(moves.copy(), point.sigma)
+            by_stage = self.drive.end_derivatives(self.stages, displacements)
+            by_stage = self._folded(by_stage.copy(), point.sigma)
             identity = np.full(2 * N, -STATE)
             A = self._patterns.A.matrix(
-                self._patterns.A.data(np.concatenate([moves.ravel(), identity]))
+                self._patterns.A.data(np.concatenate([by_stage.ravel(), identity]))
             )
-        memory = _Memory(point, states, places, by_ends, drive, C)
-        at = self._evaluation(point, values, places)
+        memory = _Memory(point, states, base_positions, by_ends, displacements, C)
+        at = self._evaluation(point, values, base_positions)
         return Linearization(at, self._gradient(point), A, C, memory)
 
     def hessian(
@@ -263,7 +272,7 @@ class StagedProgram:
         sigma = memory.motion.sigma
         blocks = self._curvature(memory, y, z, clipped)
         of_rates = z[self.nonlinear :][self.limits.rate_rows].reshape(-1, self.n).sum(axis=0)
-        # square roots of sigma in the rates' limits
+        # curvature of sqrt(sigma) in the rate limits
         blocks[:, -1, -1] += 0.25 * float(of_rates @ self.limits.rate) / sigma**1.5 / self.grid.size
         u = np.arange(self.stages.nx, self.stages.m - 1)
         blocks[:, u, u] += self.tie
@@ -278,35 +287,38 @@ class StagedProgram:
         return pattern.matrix(pattern.data(blocks.ravel()))
 
     def metric(self) -> Any:
-        """Sum of the squares of all scaled accelerations, by the variables."""
+        """Matrix H for which d'Hd is the squared change of all scaled accelerations by a step d.
+
+        Upper triangle, CSC, shape (size, size).
+        """
         m = self.stages.m
         M = self.stages.hermite[:, self.stages.controls]
         blocks = np.broadcast_to(M.transpose(0, 2, 1) @ M, (self.grid.size, m, m))
         return self._patterns.H.matrix(self._patterns.H.data(blocks.ravel()))
 
     def decisive(self, point: Motion, *, early: bool) -> Mask:
-        """Acceleration limits on the side where the accelerations are."""
+        """Mask of the acceleration limits that accelerations are near to, see `DECISIVE`."""
         mask = np.zeros(self.inequalities, dtype=bool)
-        room = (DECISIVE_EARLY if early else DECISIVE) * point.sigma
+        near = (DECISIVE_EARLY if early else DECISIVE) * point.sigma
         limit = np.tile(self.limits.control, ENDS) * point.sigma
-        least = -np.tile(self.limits.control, ENDS) * room
+        least = -np.tile(self.limits.control, ENDS) * near
         u = point.controls
         sides = np.concatenate([((u - limit) > least).ravel(), ((-u - limit) > least).ravel()])
         mask[self.nonlinear : self.nonlinear + len(sides)] = sides
         return mask
 
     def excess(self, point: Motion, at: Evaluation, *, fine: bool) -> Array | None:
-        """What rows exceed the parabola through start, middle and end by, inside the intervals."""
-        values, at_places = at.memory
+        """Largest excess of each row over the parabola through its start, middle and end values."""
+        values, base_positions = at.memory
         N, shares = self.grid.size, INSIDE_FINE if fine else INSIDE
         q, w, controls, S = self.unpack(point)
         states = [self.grid.within(s, q[:-1], w[:-1], controls) for s in shares]
         at_q, at_w, alpha = (np.vstack(parts) for parts in zip(*states, strict=True))
-        places = None
-        if at_places is not None:
-            p0, p1, middle = (at_places[i * N : (i + 1) * N] for i in range(3))
-            places = np.vstack([_parabola(s, p0, p1, middle) for s in shares])
-        found = self.rows.evaluate(at_q, at_w, alpha, S, places).reshape(len(shares), N, -1)
+        base_positions = None
+        if base_positions is not None:
+            p0, p1, middle = (base_positions[i * N : (i + 1) * N] for i in range(3))
+            base_positions = np.vstack([_parabola(s, p0, p1, middle) for s in shares])
+        found = self.rows.evaluate(at_q, at_w, alpha, S, base_positions).reshape(len(shares), N, -1)
         start, end, middle = values.reshape(3, N, -1)
         most = np.zeros((N, self.rows.count))
         for s, inside in zip(shares, found, strict=True):
@@ -314,38 +326,48 @@ class StagedProgram:
         return np.repeat(most[:, None], POINTS, axis=1).ravel()
 
     def optimality_gap(self, point: Motion) -> float:
-        """How far sigma stands above its proven lower bound, relative."""
+        """Relative distance of sigma from its proven lower bound; infinite without one."""
         least = self.limits.least
         return point.sigma / least - 1.0 if least > 0.0 else np.inf
 
     # --- parts ------------------------------------------------------------------------------
 
     def _all_rows(
-        self, states: tuple[Array, Array, Array], places: Array | None, drive: Any, sigma: float
+        self,
+        states: tuple[Array, Array, Array],
+        base_positions: Array | None,
+        displacements: Any,
+        sigma: float,
     ) -> tuple[Array, Rows, Array]:
-        """Values (3N, E) of the nonlinear rows, Jacobian of the inequalities, and `by_ends`."""
+        """Values (3N, E) of the nonlinear rows, Jacobian of all inequalities, and `by_ends`."""
         S, N = sigma * self.reference**2, self.grid.size
-        values, jacobian = self.rows.linearize(*states, S, places)  # (3N, E, 3n + 1 [+ 2])
+        values, jacobian = self.rows.linearize(*states, S, base_positions)  # (3N, E, 3n + 1 [+ 2])
         by_state = jacobian[:, :, : 3 * self.n + 1]
         start, end, middle = (
             by_state[i * N : (i + 1) * N] @ part for i, part in enumerate(self.stages.mapped)
         )
-        if places is not None and self.drive is not None:
+        if base_positions is not None and self.drive is not None:
             by_place = jacobian[:, :, 3 * self.n + 1 :]
-            self.drive.add_place_derivatives(self.stages, drive, by_place, (start, end, middle))
+            self.drive.add_position_derivatives(
+                self.stages, displacements, by_place, (start, end, middle)
+            )
         blocks = np.stack([start, end, 2.0 * middle - 0.5 * (start + end)], axis=1)
         entries, by_ends = self._inequality_entries(blocks, sigma)
         return values, Rows(self._patterns.C.matrix(self._patterns.C.data(entries))), by_ends
 
     def _rows_on_demand(
-        self, states: tuple[Array, Array, Array], places: Array | None, drive: Any, sigma: float
+        self,
+        states: tuple[Array, Array, Array],
+        base_positions: Array | None,
+        displacements: Any,
+        sigma: float,
     ) -> tuple[Array, CornerJacobian, Array]:
-        """The results of `_all_rows` with many corners: `by_ends` of the limits alone."""
+        """Results of `_all_rows` for many corners; `by_ends` is that of the limits alone."""
         stages = self.stages
-        expansion = self.rows.expand(*states, sigma * self.reference**2, places)
+        expansion = self.rows.expand(*states, sigma * self.reference**2, base_positions)
         maps = stages.mapped
-        if places is not None and self.drive is not None:
-            maps = self.drive.with_positions(stages, drive, maps)
+        if base_positions is not None and self.drive is not None:
+            maps = self.drive.with_positions(stages, displacements, maps)
         groups, by_ends = self.limits.entries(sigma)
         entries = np.concatenate([group.ravel() for group in groups])
         limits = Rows(self._patterns.C.matrix(self._patterns.C.data(entries)))
@@ -356,7 +378,10 @@ class StagedProgram:
         return expansion.values, C, by_ends
 
     def _samples(self, point: Motion) -> tuple[tuple[Array, Array, Array], Array | None, Any]:
-        """States at starts, ends, middles (3N), positions there if they matter, displacements."""
+        """States at starts, ends and middles, base positions there, and displacements.
+
+        Positions are None where rows do not depend on them, displacements where the base stands.
+        """
         q, w, controls, _ = self.unpack(point)
         middle = self.grid.within(0.5, q[:-1], w[:-1], controls)
         states = (
@@ -367,13 +392,13 @@ class StagedProgram:
         if self.drive is None:
             return states, None, None
         p = point.states[:, self.stages.places]
-        drive = point.moves
-        assert drive is not None
+        displacements = point.moves
+        assert displacements is not None
         if self.drive.terrain.uniform:
-            return states, None, drive
-        return states, np.vstack([p[:-1], p[1:], p[:-1] + drive.half]), drive
+            return states, None, displacements
+        return states, np.vstack([p[:-1], p[1:], p[:-1] + displacements.half]), displacements
 
-    def _evaluation(self, point: Motion, values: Array, places: Array | None) -> Evaluation:
+    def _evaluation(self, point: Motion, values: Array, base_positions: Array | None) -> Evaluation:
         N = self.grid.size
         start, end, middle = values.reshape(3, N, -1)
         nonlinear = np.stack([start, end, 2.0 * middle - 0.5 * (start + end)], axis=1)
@@ -382,14 +407,14 @@ class StagedProgram:
         with np.errstate(invalid="ignore"):
             limits = self.limits.values(point.states, point.controls, point.sigma)
         missed = np.zeros(self.equalities)
-        if self.drive is not None:  # gaps are closed but for the last
+        if self.drive is not None:  # all gaps are closed; the goal may be missed
             missed[-2:] = point.states[-1, self.stages.places] - self.drive.goal
         tie = 0.5 * self.tie * float(np.sum(point.controls**2))
         inequalities = np.concatenate([nonlinear.ravel(), limits])
-        return Evaluation(point.sigma, tie, missed, inequalities, (values, places))
+        return Evaluation(point.sigma, tie, missed, inequalities, (values, base_positions))
 
     def _turning(self, point: Motion) -> Array:
-        """Largest turning of links in each interval (see `moment_of_spread`), times S, (N,)."""
+        """`moment_of_spread` per unit of spread in each interval, times S, shape (N,)."""
         _, w, controls, _ = self.unpack(point)
         jerk = np.abs(controls[:, 1] - controls[:, 0])
         rates = np.maximum(np.abs(w[:-1]), np.abs(w[1:])) + 0.125 * self.grid.steps[:, None] * jerk
@@ -404,7 +429,7 @@ class StagedProgram:
         return moment_of_spread(model.machine, *joints, spread=1.0, base=base)
 
     def _gradient(self, point: Motion) -> Array:
-        """Of sigma and the tie breaker by the variables."""
+        """Gradient of sigma plus the tie breaker by the variables, shape (size,)."""
         stages, M = self.stages, self.stages.hermite
         by_stage = np.zeros((self.grid.size, stages.m))
         by_stage[:, stages.controls] = self.tie * point.controls
@@ -420,7 +445,10 @@ class StagedProgram:
         return gradient
 
     def _folded(self, entries: Array, sigma: float) -> Array:
-        """Derivatives (N, R, m) by mapped stages, given rates at the ends folded into sigma's."""
+        """Derivatives (N, R, m) by mapped stage variables, completed in sigma's column, in place.
+
+        Adds to the derivative by sigma the part through the boundary rates v sqrt(S).
+        """
         if self.limits.moving:
             half = 0.5 / np.sqrt(sigma) / STATE
             rates, last = self.stages.rates, self.stages.last_rates
@@ -429,7 +457,7 @@ class StagedProgram:
         return entries
 
     def _inequality_entries(self, blocks: Array, sigma: float) -> tuple[Array, Array]:
-        """Entries of the inequalities' matrix, and what given rates at the ends add, (m,)."""
+        """Entries of the inequality Jacobian, and `by_ends` of `_Memory`, shape (m,)."""
         nonlinear = blocks.reshape(self.grid.size, -1, self.stages.m)
         groups, added = self.limits.entries(sigma)
         by_ends = np.zeros(nonlinear.shape[:2])
@@ -441,7 +469,10 @@ class StagedProgram:
         return np.concatenate(entries), np.concatenate([by_ends.ravel(), added])
 
     def _curvature(self, memory: _Memory, y: Array, z: Array, share: float) -> Array:
-        """Blocks by (x_k, u_k, sigma), negative curvature clipped by a share, (N, m, m)."""
+        """Hessian blocks by stage variables (x_k, u_k, sigma), clipped, shape (N, m, m).
+
+        Negative eigenvalues are scaled by 1 - share.
+        """
         N, m, stages = self.grid.size, self.stages.m, self.stages
         H = np.zeros((N, m, m))
         weights = z[: self.nonlinear].reshape(N, POINTS, -1).sum(axis=1)
@@ -450,11 +481,13 @@ class StagedProgram:
         if len(active):
             middle = 2 * N + active
             q, w, alpha = (part[middle] for part in memory.states)
-            places = None if memory.places is None else memory.places[middle]
+            base_positions = (
+                None if memory.base_positions is None else memory.base_positions[middle]
+            )
             S = memory.motion.sigma * self.reference**2
-            blocks = self.rows.curvature(q, w, alpha, S, weights[active], places)
+            blocks = self.rows.curvature(q, w, alpha, S, weights[active], base_positions)
         if self.drive is None:
-            if blocks is not None:  # eigenvalues in the 3n + 1 dimensions that there are
+            if blocks is not None:  # at most 3n + 1 eigenvalues of the block differ from zero
                 Q, R = (
                     part if self.grid.uniform else part[active] for part in stages.middle_factors
                 )
@@ -475,29 +508,29 @@ class StagedProgram:
         return H
 
     def _fold_hessian(self, blocks: Array, z: Array, memory: _Memory) -> None:
-        """Add what given rates at the ends contribute through sigma to mapped blocks, in place."""
+        """Add to mapped blocks the curvature through the boundary rates v sqrt(S), in place."""
         sigma = memory.motion.sigma
         half = 0.5 / np.sqrt(sigma) / STATE
         sides = ((0, self.stages.rates, self.first), (-1, self.stages.last_rates, self.last))
         for k, columns, rates in sides:
-            along = np.zeros(self.stages.m)
-            along[columns] = half * rates
-            through = blocks[k] @ along
+            by_sigma = np.zeros(self.stages.m)
+            by_sigma[columns] = half * rates
+            through = blocks[k] @ by_sigma
             blocks[k, :, -1] += through
             blocks[k, -1, :] += through
-            blocks[k, -1, -1] += along @ through
-        # second derivative of the square root of sigma: convex part only
+            blocks[k, -1, -1] += by_sigma @ through
+        # second derivative of sqrt(sigma): only where it is convex
         if isinstance(memory.C, CornerJacobian):
             through_ends = memory.C.through_ends(z[: self.nonlinear])
             through_ends += float(z[self.nonlinear :] @ memory.by_ends)
         else:
             through_ends = float(z @ memory.by_ends)
-        bend = max(0.0, -0.5 / sigma * through_ends)
-        blocks[:, -1, -1] += bend / self.grid.size
+        second_derivative = max(0.0, -0.5 / sigma * through_ends)
+        blocks[:, -1, -1] += second_derivative / self.grid.size
 
     @property
     def _rows_in_pattern(self) -> int:
-        """Nonlinear rows per point; none where they are formed on demand."""
+        """Number of nonlinear rows per point in the pattern of C; 0 for a `CornerJacobian`."""
         return self.rows.count if self.rows.models is None else 0
 
     def _cached_patterns(self) -> _Patterns:
@@ -515,7 +548,7 @@ class StagedProgram:
         return _patterns_of(_Key(key, self))
 
     def with_rows(self, rows: StageRows) -> StagedProgram:
-        """The program with other path constraints."""
+        """This program with other path constraints."""
         return StagedProgram(
             rows,
             self.start,
@@ -527,7 +560,7 @@ class StagedProgram:
         )
 
     def with_least(self, least_duration: float) -> StagedProgram:
-        """The program with another lower bound of the duration [s]."""
+        """This program with another lower bound of the duration [s]."""
         bounds = replace(self.bounds, least_duration=least_duration)
         return StagedProgram(
             self.rows,
@@ -541,7 +574,7 @@ class StagedProgram:
 
 
 class _Key:
-    """A program, hashed by what its patterns depend on."""
+    """Cache key of a program: equal for programs with equal sparsity patterns."""
 
     def __init__(self, key: Hashable, program: StagedProgram) -> None:
         self.key, self.program = key, program
@@ -556,7 +589,7 @@ class _Key:
 @lru_cache(maxsize=64)
 def _patterns_of(key: _Key) -> _Patterns:
     program = key.program
-    key.program = None  # type: ignore[assignment]  # the cache keeps the key
+    key.program = None  # type: ignore[assignment]  # the cache would keep it alive
     stages, N = program.stages, program.grid.size
     m, size = stages.m, stages.size
     columns = stages.stage_columns
@@ -568,7 +601,7 @@ def _patterns_of(key: _Key) -> _Patterns:
     )
     count = POINTS * program._rows_in_pattern
     groups = [np.repeat(columns, count, axis=0), *program.limits.columns]
-    C = Pattern(*_touched(groups), (N * count + program.limits.count, size))
+    C = Pattern(*_entry_indices(groups), (N * count + program.limits.count, size))
     if program.drive is None:
         return _Patterns(H, C, None)
     row = np.arange(2 * N).reshape(N, 2)
@@ -581,14 +614,14 @@ def _patterns_of(key: _Key) -> _Patterns:
     return _Patterns(H, C, A)
 
 
-def _touched(groups: list[Indices]) -> tuple[Indices, Indices]:
-    """Rows and columns of groups of rows that touch these columns each."""
+def _entry_indices(groups: list[Indices]) -> tuple[Indices, Indices]:
+    """Row and column indices of the entries, from the columns of each row, group by group."""
     widths = np.concatenate([np.full(len(group), group.shape[1]) for group in groups])
     rows = np.repeat(np.arange(len(widths)), widths)
     return rows, np.concatenate([group.ravel() for group in groups])
 
 
 def _parabola(s: float, start: Array, end: Array, middle: Array) -> Array:
-    """At a share s, through values at start, end and middle."""
+    """Value at a share s of the parabola through values at start, end and middle."""
     outer = start * (1.0 - s) * (1.0 - 2.0 * s) + end * s * (2.0 * s - 1.0)
     return np.asarray(outer + middle * 4.0 * s * (1.0 - s))

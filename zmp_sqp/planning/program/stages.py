@@ -1,10 +1,11 @@
 r"""Variables of the staged program, and the maps from them to states within the intervals.
 
-Stage k has a state x_k = (q_k, w_k / w_s [, p_k]) and accelerations u_k at both ends of its
-interval, scaled to order one; sigma = S / S_ref is global. Since accelerations run linearly within
-an interval, its u_k follows from x_k and x_{k+1}: a cubic through Hermite's data. So quadratic
-programs need neither accelerations as variables nor the equations of motion as equalities. Their
-variables are
+Stage k has a state x_k = (q_k, w_k / w_s [, p_k]) of coordinates, scaled rates and, where a base
+drives, its position, and accelerations u_k at both ends of its interval, scaled to order one. The
+scaled squared duration sigma = S / S_ref is common to all stages. Accelerations are linear within
+an interval, so that positions are cubic: u_k follows from x_k and x_{k+1} by Hermite interpolation.
+The quadratic programs need neither the accelerations as variables nor the equations of motion as
+equalities. Their variables are
 
 .. math:: (x_1, \dots, x_{N-1} [, \text{path length at the goal}], \sigma)
 
@@ -17,8 +18,13 @@ with x scaled by `STATE`. The Hessian is a chain of blocks with an arrow to sigm
                 #     #     #
     #     #     #     #     #
 
-x_0 and x_N are given but for sigma: w_0 = v_0 sqrt(S), w_N = v_N sqrt(S). What depends on them is
-folded into the column of sigma. Curvature is clipped by (x_k, u_k, sigma), whose scales are alike.
+x_0 and x_N are no variables: they depend on sigma alone, by w_0 = v_0 sqrt(S) and
+w_N = v_N sqrt(S), and derivatives by them are added to the column of sigma (chain rule).
+
+Two sets of variables of a stage occur: (x_k, u_k, sigma), called stage variables, in which negative
+curvature is clipped because all of them are of order one, and (x_k, x_{k+1} without its base
+position, sigma), called mapped stage variables, which are those of the quadratic program.
+`Stages.hermite` maps the latter to the former.
 """
 
 from __future__ import annotations
@@ -33,21 +39,21 @@ from zmp_sqp.planning.program.grid import ENDS, Grid, shapes
 
 __all__ = ["STATE", "Stages"]
 
-# the program's variables times this are the scaled states: proximal terms of interior-point methods
-# then weigh states and sigma alike
+# scaled state per unit of a quadratic program's variable, chosen so that the proximal terms of
+# interior-point methods act on states and sigma with equal weight
 STATE = 0.1
-DROPPED = 1e-13  # relative: smaller entries of maps are rounding
+DROPPED = 1e-13  # relative to the largest entry of a map: smaller ones are rounding, set to zero
 
 
 @dataclass(frozen=True, eq=False)
 class Stages:
-    """Columns and maps of a grid's stages.
+    """Indices of the quadratic programs' variables, and linear maps from them to states.
 
     Attributes:
         grid: Of normalised time.
         n: Number of coordinates.
         positions: Number of a driving base's positions in the state, 2 or 0.
-        rate_scale, control_scale: Of w and of accelerations, shape (n,) each.
+        rate_scale, control_scale: Units of w and of accelerations T^2 a, shape (n,) each.
         S: Squared reference duration [s^2].
     """
 
@@ -60,42 +66,42 @@ class Stages:
 
     @property
     def nx(self) -> int:
-        """Size of a state."""
+        """Number of entries of a state x_k."""
         return 2 * self.n + self.positions
 
     @property
     def m(self) -> int:
-        """Size of a stage: state, accelerations, sigma."""
+        """Number of stage variables (x_k, u_k, sigma)."""
         return self.nx + ENDS * self.n + 1
 
     @property
     def rates(self) -> slice:
-        """Columns of a stage with the rates at its start."""
+        """Stage variables that are the rates at the interval's start."""
         return slice(self.n, 2 * self.n)
 
     @property
     def places(self) -> slice:
-        """Columns of a stage with the base's position."""
+        """Stage variables that are the base's position at the interval's start."""
         return slice(2 * self.n, self.nx)
 
     @property
     def controls(self) -> slice:
-        """Columns with accelerations; with the next state's coordinates and rates, once mapped."""
+        """Stage variables u_k; among mapped ones, coordinates and rates of the next state."""
         return slice(self.nx, self.m - 1)
 
     @property
     def last_rates(self) -> slice:
-        """Columns of a mapped stage with the rates at its end."""
+        """Mapped stage variables that are the rates at the interval's end."""
         return slice(self.nx + self.n, self.nx + 2 * self.n)
 
     @cached_property
     def size(self) -> int:
-        """Number of the quadratic programs' variables."""
+        """Number of variables of the quadratic programs."""
         return (self.grid.size - 1) * self.nx + (1 if self.positions else 0) + 1
 
     @cached_property
     def columns(self) -> Indices:
-        """Variables of the states, shape (N + 1, nx); -1 where a state is given."""
+        """Index of the variable for each entry of each state, (N + 1, nx); -1 where it is given."""
         index = np.full((self.grid.size + 1, self.nx), -1)
         inner = np.arange((self.grid.size - 1) * self.nx)
         index[1:-1] = inner.reshape(self.grid.size - 1, self.nx)
@@ -105,21 +111,21 @@ class Stages:
 
     @cached_property
     def stage_columns(self) -> Indices:
-        """Variables of a mapped stage (x_k, next coordinates and rates, sigma), shape (N, m)."""
+        """Index of the variable for each mapped stage variable, (N, m); -1 where it is given."""
         sigma = np.full((self.grid.size, 1), self.size - 1)
         return np.hstack([self.columns[:-1], self.columns[1:, : 2 * self.n], sigma])
 
     @cached_property
     def scale(self) -> Array:
-        """Unscaled per scaled stage variable, shape (m,)."""
+        """Units of the stage variables: unscaled value per scaled one, shape (m,)."""
         ones = np.ones(self.n), np.ones(self.positions)
         controls = np.tile(self.control_scale, ENDS)
         return np.concatenate([ones[0], self.rate_scale, ones[1], controls, [self.S]])
 
     def state_map(self, s: float) -> Array:
-        """(q, w, alpha, S) at a share s of the intervals by scaled stage variables, (K, 3n + 1, m).
+        """Jacobian of (q, w, alpha, S) by the stage variables at a share s of every interval.
 
-        K is 1 for a uniform grid, N otherwise.
+        Shape (K, 3n + 1, m); K is 1 for a uniform grid, N otherwise.
         """
         n, nx = self.n, self.nx
         h = (self.grid.steps[:1] if self.grid.uniform else self.grid.steps)[:, None, None]
@@ -153,7 +159,7 @@ class Stages:
 
     @cached_property
     def hermite(self) -> Array:
-        """(x_k, u_k, sigma) by the variables (x_k, x_{k+1}, sigma) of a mapped stage, (K, m, m)."""
+        """Jacobian of the stage variables by the mapped ones, `STATE` included, shape (K, m, m)."""
         n, u = self.n, self.controls
         end = self.at_end[:, : 2 * n] / np.concatenate([np.ones(n), self.rate_scale])[:, None]
         M = np.zeros((len(end), self.m, self.m))
@@ -167,15 +173,16 @@ class Stages:
 
     @cached_property
     def mapped(self) -> tuple[Array, Array, Array]:
-        """Start, end and middle `state_map` by the variables of a mapped stage, (K, 3n + 1, m)."""
+        """`state_map` at start, end and middle by mapped stage variables, (K, 3n + 1, m) each."""
         maps = (self.at_start, self.at_end, self.at_middle)
         return tuple(np.ascontiguousarray(part @ self.hermite) for part in maps)  # type: ignore[return-value]
 
     @cached_property
     def heading(self) -> Array:
-        """Yaw at start, middle and end, then the path length's rate there, by (x_k, u_k, sigma).
+        """Jacobian of yaw and path rate by the stage variables, shape (K, 6, m).
 
-        Shape (K, 6, m); with a base that drives only.
+        Rows: yaw at start, middle and end of the interval, then the rate of the path length there.
+        Only for a driving base.
         """
         n, order = self.n, (self.at_start, self.at_middle, self.at_end)
         yaw = [part[:, n - 1] for part in order]
@@ -184,12 +191,15 @@ class Stages:
 
     @cached_property
     def mapped_heading(self) -> Array:
-        """`heading` by the variables of a mapped stage, shape (K, 6, m)."""
+        """`heading` by mapped stage variables, shape (K, 6, m)."""
         return np.asarray(self.heading @ self.hermite)
 
     @cached_property
     def control_entries(self) -> Array:
-        """Each scaled acceleration by (q_k, w_k, q_{k+1}, w_{k+1}) of its joint, (N, 2, n, 4)."""
+        """Derivatives of the accelerations by (q_k, w_k, q_{k+1}, w_{k+1}), (N, 2, n, 4).
+
+        All scaled; the acceleration of a joint depends on coordinates and rates of that joint only.
+        """
         n, nx, j = self.n, self.nx, np.arange(self.n)
         M = self.hermite
         entries = [
@@ -201,13 +211,13 @@ class Stages:
 
     @cached_property
     def middle_factors(self) -> tuple[Array, Array]:
-        """Factors P' = Q R of the middle map: Q (K, m, 3n + 1) is orthonormal, R a triangle."""
+        """QR factors of the transposed `at_middle`: Q (K, m, 3n + 1), and R, upper triangular."""
         Q, R = np.linalg.qr(self.at_middle.transpose(0, 2, 1))
         return Q, R
 
 
 def clipped(blocks: Array, share: float) -> Array:
-    """Symmetric blocks (K, r, r) with a share of their negative eigenvalues taken away."""
+    """Symmetric blocks (K, r, r) whose negative eigenvalues are scaled by 1 - share."""
     values, vectors = np.linalg.eigh(blocks)
     kept = np.where(values > 0.0, values, (1.0 - share) * values)
     return np.asarray((vectors * kept[:, None, :]) @ vectors.transpose(0, 2, 1))

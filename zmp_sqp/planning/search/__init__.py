@@ -1,1 +1,1 @@
-"""From a problem to a plan."""
+"""Search for a plan of a problem: explore, refine, prove; messages and diagnosis."""

@@ -1,4 +1,4 @@
-"""Result of planning: a `Plan` with its safe motion, or with the reason why there is none."""
+"""Result of planning: a `Plan` with a safe motion, or with the reason why there is none."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["Plan", "Status"]
 
 
 class Status(enum.Enum):
-    """How planning ended; `str()` gives a sentence, with advice where no motion was found."""
+    """How planning ended; `str()` gives a sentence, with advice where no safe motion was found."""
 
     OPTIMAL = "Solved: to first order, no motion near this one is faster."
     FASTEST_POSSIBLE = "Solved: no motion within the joint limits is faster by more than 0.03 %."
@@ -58,7 +58,7 @@ class Status(enum.Enum):
     )
 
     def __str__(self) -> str:
-        """The sentence."""
+        """Sentence that says how planning ended."""
         return self.value
 
     @property
@@ -69,22 +69,22 @@ class Status(enum.Enum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """Result of planning.
+    """Result of planning: the last motion of the search with its certificate and the records.
 
     Attributes:
-        problem: The problem.
+        problem: Problem that was planned.
         status: How planning ended.
         message: The status in a sentence; without success, also which constraint is violated, when
             and by how much.
-        duration: Duration of the last motion that was looked at, safe or not [s].
+        duration: Duration of the last motion of the search, safe or not [s].
         lower_bound: Duration that no motion within the limits of joints and base can undercut [s].
-        certificate: Guarantees for the last motion, at all times and not only at the nodes.
+        certificate: Guarantees of the last motion, at all times and not only at the nodes.
         iterations: Number of SQP iterations, each with one QP or more.
         solve_time: Wall time of planning, certification included [s].
         history: One record per SQP iteration.
         runs: One record per run of the search: guess, grid, QP solver, how it ended.
-        qp_solver: Name of the QP solver that was asked for.
-        attempt: Last motion that was looked at, safe or not; None if there was none.
+        qp_solver: Name of the QP solver that the caller chose.
+        attempt: Last motion of the search, safe or not; None if there was none.
     """
 
     problem: Problem = field(repr=False)
@@ -102,7 +102,7 @@ class Plan:
 
     @property
     def success(self) -> bool:
-        """Whether `trajectory` is safe for all t."""
+        """Whether a motion was found that is proven safe at all times."""
         return self.status.success
 
     @property
@@ -112,10 +112,10 @@ class Plan:
 
     @property
     def trajectory(self) -> Trajectory:
-        """Safe motion that was found.
+        """Safe motion from start to goal.
 
         Raises:
-            NotSolved: No safe motion was found; the message is that of the plan.
+            NotSolved: No safe motion was found; its message is `message`.
         """
         if not self.success or self.attempt is None:
             raise NotSolved(self.message)

@@ -1,4 +1,4 @@
-"""The stability-blind motion of a problem: as fast as the joints' limits allow."""
+"""Fastest motion within the joint limits alone, which ignores stability, and its certificate."""
 
 from __future__ import annotations
 
@@ -17,19 +17,21 @@ from zmp_sqp.planning.search.task import Task
 
 __all__ = ["BlindMotion", "blind_motion", "certified_blind_motion"]
 
-SAMPLES = 24  # states at which the zero moment point is looked at before anything is proven
-SAME = 1e-9  # share of the duration: switching times that are nearer count as one
+SAMPLES = 24  # times at which the ZMP is checked before the motion is certified, which is costly
+SAME = 1e-9  # share of the duration: switching times that are closer together are merged
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BlindMotion:
-    """Every coordinate goes to a coasting rate, coasts, and goes to its rate at the goal.
+    """Synchronised bang-coast-bang motion that ignores stability.
+
+    Every coordinate accelerates to a constant rate, coasts, and changes to its rate at the goal.
 
     Attributes:
-        duration: [s].
-        phases: Durations of the three phases, shape (n, 3) [s].
-        accelerations: In the three phases, shape (n, 3).
-        deciding: Coordinate that takes longest.
+        duration: Duration of the motion [s].
+        phases: Durations of the three phases of each coordinate, shape (n, 3) [s].
+        accelerations: Accelerations in the three phases, shape (n, 3) [rad/s^2 or m/s^2].
+        deciding: Index of the coordinate that needs the longest time.
     """
 
     duration: float
@@ -39,30 +41,34 @@ class BlindMotion:
 
     @property
     def switches(self) -> Array:
-        """Times at which each coordinate's acceleration jumps on the way, shape (n, 2) [s]."""
+        """Switching times of each coordinate's acceleration, ends excluded, shape (n, 2) [s]."""
         return np.cumsum(self.phases, axis=1)[:, :2]
 
     def nodes(self, intervals: int) -> Array:
-        """Nodes at all switching times, and more of them up to a number of intervals [s]."""
+        """Times of nodes at all switching times, with the longest intervals halved [s].
+
+        Args:
+            intervals: Least number of intervals.
+        """
         times = np.unique(np.concatenate([[0.0, self.duration], self.switches.ravel()]))
         apart = np.diff(times, prepend=-np.inf) > SAME * self.duration
         times = times[apart]
         times[0], times[-1] = 0.0, self.duration
-        while len(times) <= intervals:  # cut the longest interval in two
+        while len(times) <= intervals:  # halve the longest interval
             k = int(np.argmax(np.diff(times)))
             times = np.insert(times, k + 1, 0.5 * (times[k] + times[k + 1]))
         return times
 
     def acceleration_at(self, times: Array) -> Array:
-        """Accelerations at times that are no switching times, shape (K, n)."""
+        """Accelerations at times (K,) between the switching times, shape (K, n)."""
         first, second = self.switches.T
         phase = (times[:, None] > first).astype(int) + (times[:, None] > second)
         return np.take_along_axis(self.accelerations.T, phase, axis=0)
 
     def mean_accelerations(self, times: Array) -> Array:
-        """Mean accelerations between times (K + 1,), shape (K, n); 0 where two times are one."""
+        """Mean accelerations between times (K + 1,), shape (K, n); 0 where two times are equal."""
         ends = np.cumsum(self.phases, axis=1)
-        gained = np.zeros((len(times), len(ends)))  # of rate, since the start
+        gained = np.zeros((len(times), len(ends)))  # change of the rate since the start
         for i in range(3):
             since = ends[:, i] - self.phases[:, i]
             inside = np.clip(times[:, None] - since, 0.0, self.phases[:, i])
@@ -73,14 +79,15 @@ class BlindMotion:
 
 
 def blind_motion(task: Task, stretch: float = 0.0) -> BlindMotion | None:
-    """The motion of the coordinates that takes as long as the slowest of them needs.
-
-    None where another coordinate cannot take just this time with its largest acceleration, as may
-    happen from or to motion.
+    """Fastest motion within the joint limits, with all coordinates synchronised to the slowest.
 
     Args:
-        task: The problem.
-        stretch: How much longer than necessary, relative.
+        task: The planning task.
+        stretch: Relative increase of the duration over the minimum.
+
+    Returns:
+        The motion, or None where a coordinate cannot take exactly this time at its largest
+        acceleration, as may happen with boundary states in motion.
     """
     bounds, start, goal = task.bounds, task.start, task.goal
     rows = list(
@@ -115,7 +122,10 @@ def blind_motion(task: Task, stretch: float = 0.0) -> BlindMotion | None:
 
 
 def certified_blind_motion(task: Task) -> tuple[Trajectory, Certificate] | None:
-    """The stability-blind motion with its certificate, if it is safe; no motion is faster."""
+    """Fastest motion within the joint limits with its certificate, if it is safe, else None.
+
+    No motion is faster. Only for a base that stands, and not with `distance_limits`.
+    """
     problem = task.problem
     if not isinstance(problem.undercarriage, Standing) or problem.distance_limits is not None:
         return None
@@ -138,7 +148,7 @@ def certified_blind_motion(task: Task) -> tuple[Trajectory, Certificate] | None:
 
 
 def _seems_safe(task: Task, motion: BlindMotion) -> bool:
-    """Whether the zero moment point is inside at a few samples, on both sides of every switch."""
+    """Whether the ZMP keeps its margin at samples, on both sides of every switching time."""
     edges = np.unique(np.concatenate([[0.0, motion.duration], motion.switches.ravel()]))
     near = SAME * motion.duration
     inner = np.linspace(0.0, motion.duration, SAMPLES)[1:-1]

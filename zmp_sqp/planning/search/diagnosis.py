@@ -1,4 +1,4 @@
-"""Payload and slope for which a motion is found, where planning found none."""
+"""Diagnosis of a failed plan: payload and slope for which a motion would be found."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ from zmp_sqp.planning.search.planner import plan
 
 __all__ = ["Diagnosis", "diagnose"]
 
-LEAST_SHARE = 1e-3  # share of the payload that stands for none, because a payload needs a mass
-HALVINGS = 4  # bisection steps: shares of payload and slope are found to 2^-4, a plan for each
+LEAST_SHARE = 1e-3  # share of the payload used for "no payload": its mass must be positive
+HALVINGS = 4  # bisection steps, one plan each: shares of payload and slope are found to 2^-4
 
+# plans a changed problem, which is described in words; tells whether that succeeded
 Works = Callable[[Callable[[], Problem], str], bool]
 
 
@@ -27,17 +28,18 @@ class Diagnosis:
     """Why there is no plan, and for which payload and slope a motion was found instead.
 
     Attributes:
-        message: The plan's message, and one sentence about payload and slope.
+        message: Message of the plan, followed by one sentence about payload and slope.
         largest_payload: Heaviest payload for which a motion was found [kg]; None if there is no
             payload, or no motion was found for any.
-        steepest_slope: Tilt of the steepest slope, leaning in the direction of the problem's, on
+        steepest_slope: Tilt of the steepest slope, inclined in the direction of the problem's, on
             which a motion was found [rad]; None if the ground is no inclined Slope, or no motion
             was found on any.
         time_outside: Time at which the ZMP of the least-violating motion is furthest out [s].
-        outside: Distance by which that ZMP violates the margin at sampled times [m]; negative where
-            the samples keep the margin and only the proof fails, infinite where no motion was
-            certified.
-        edge: Name of the edge, as `SupportPolygon.edge_name` gives it.
+        outside: Largest violation of the ZMP margin by that motion at sampled times [m]; negative
+            where the samples keep the margin and only the proof fails, infinite where no motion
+            was certified.
+        edge: Name of the edge that this ZMP is beyond or nearest to, see
+            `SupportPolygon.edge_name`.
     """
 
     message: str
@@ -54,10 +56,10 @@ def diagnose(
     time_budget: float | None = 10.0,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Diagnosis:
-    """Search for a payload and a slope with which a motion from start to goal is found.
+    """Find the largest payload and the steepest slope for which planning succeeds.
 
-    Plans again with less payload, then on gentler slopes, by bisection. The start, the goal and all
-    other arguments of the problem stay.
+    Plans again with less payload, then on gentler slopes, by bisection. Start, goal and all other
+    arguments of the problem are kept.
 
     That the given problem has no solution is not proven: the last motion of a search is only the
     least-violating one that was found. What is proven impossible, such as a goal that tips the
@@ -67,6 +69,9 @@ def diagnose(
         found: A plan without success.
         time_budget: Time budget of each of the at most 12 plans [s]; None for no limit.
         progress: Called before each plan with a description of the payload or slope.
+
+    Returns:
+        The diagnosis; payload and slope are None for a plan that failed because of the terrain.
 
     Raises:
         ProblemError: `found` is no Plan, or it has succeeded.
@@ -99,7 +104,7 @@ def diagnose(
 
 
 def _largest_payload(problem: Problem, works: Works) -> float | None:
-    """Heaviest payload below the given one for which a motion was found [kg]; None for no such."""
+    """Heaviest payload below the given one for which a motion was found [kg]; None if for none."""
     machine = problem.machine
     if machine.payload_mass <= 0.0:
         return None
@@ -114,7 +119,7 @@ def _largest_payload(problem: Problem, works: Works) -> float | None:
 
 
 def _steepest_slope(problem: Problem, works: Works) -> float | None:
-    """Tilt of the steepest slope on which a motion was found [rad]; None for no such."""
+    """Tilt of the steepest slope on which a motion was found [rad]; None if on none."""
     ground = problem.ground
     if not isinstance(ground, Slope) or not _is_inclined(ground):
         return None
@@ -130,12 +135,12 @@ def _steepest_slope(problem: Problem, works: Works) -> float | None:
 
 
 def _is_inclined(ground: Ground) -> bool:
-    """Whether the ground is a slope that a gentler one can replace."""
+    """Whether the ground is a Slope that is not horizontal."""
     return isinstance(ground, Slope) and bool(ground.roll or ground.pitch)
 
 
 def _advice(problem: Problem, payload: float | None, slope: float | None) -> str:
-    """Sentence to append: payload [kg] and slope [rad] with which a motion was found, or none."""
+    """Sentence on the payload [kg] and slope [rad] for which a motion was found; may be empty."""
     parts = []
     if payload is not None:
         parts.append(f"the payload could be {np.floor(payload):.0f} kg")

@@ -1,4 +1,4 @@
-"""First step of planning: a motion at the bound, or else the fastest one, from coarse to fine."""
+"""First step of planning: a motion at the lower bound, or else the SQP from coarse to fine."""
 
 from __future__ import annotations
 
@@ -17,23 +17,24 @@ from zmp_sqp.sqp.solver import SQPSettings
 
 __all__ = ["RESUMED", "explore", "on_finer_grid", "transferred"]
 
-# Guesses: how much slower than the bound, and whether smooth. The first one serves nearly always:
-# a cubic in joint space at this pace ends in better minima than a bang-bang motion, and in fewer
-# iterations. The second is tried, too, where the number of intervals is left to the planner and the
-# first ends far above the bound; otherwise the others are for failures.
+# initial guesses, tried in turn until one succeeds: duration per lower bound, and whether it is a
+# cubic. A cubic at 1.15 ends in better local minima than a bang-coast-bang motion, in as many
+# iterations. The second one is tried, too, with `intervals="auto"` where the first one ends far
+# above the lower bound.
 GUESSES = ((1.15, True), (1.5, True), (2.5, False))
-FAR_ABOVE = 1.1  # times the lower bound
-LEAST_COARSE = 4  # intervals of a coarse grid
-# On the coarse grid the search ends early.
+FAR_ABOVE = 1.1  # duration per lower bound
+LEAST_COARSE = 4  # fewest intervals of a coarse grid
+# the run on the coarse grid only prepares that on the fine one, and ends early
 COARSE = SQPSettings(converged=1e-3, coarse=1e-2, excess_from=0.0)
 RESUMED = SQPSettings(resumed=True)
-SLOW = 5.0  # times the bound: a pace at which dynamics hardly move the zero moment point
-LESS = 0.95  # of the violation: a slow motion that violates less than this is looked into
+SLOW = 5.0  # duration per lower bound at which inertial forces hardly move the ZMP (1/25)
+LESS = 0.95  # a slow motion is pursued if its violation is below this share of the best one's
+# statuses after which no further guess is tried
 ENOUGH = (SQPStatus.BOUND_REACHED, SQPStatus.OPTIMAL, SQPStatus.FEASIBLE)
 
 
 def explore(task: Task, runs: Runs) -> Candidate:
-    """The fastest motion that is found; without a feasible one the least-violating motion."""
+    """Fastest feasible motion of all guesses; the least-violating motion if none is feasible."""
     found = at_the_bound(task, runs)
     if found is not None:
         return found
@@ -51,14 +52,14 @@ def explore(task: Task, runs: Runs) -> Candidate:
 
 
 def _rank(candidate: Candidate) -> tuple[bool, float]:
-    """Feasible ones first, by duration; then the others, by violation per unit of rows' scale."""
+    """Sort key: feasible candidates by duration, then others by violation over sigma."""
     at, feasible = candidate.result.at, candidate.is_feasible
     scaled = at.violation / max(at.objective, 1e-9)
     return not feasible, candidate.duration if feasible else scaled
 
 
 def _coarse_to_fine(task: Task, runs: Runs, pace: float, *, smooth: bool) -> Candidate:
-    """SQP on half of the intervals, then on all of them."""
+    """SQP run on a grid of half as many intervals, continued on the full grid."""
     intervals, refines = task.problem.first_intervals, task.problem.refines
     grids = [Grid.of(intervals)]
     if intervals >= 2 * LEAST_COARSE:
@@ -76,21 +77,22 @@ def _coarse_to_fine(task: Task, runs: Runs, pace: float, *, smooth: bool) -> Can
 
 
 def on_finer_grid(task: Task, runs: Runs, found: Candidate, grid: Grid) -> Candidate:
-    """SQP on a finer grid, from where it ended on a coarser one."""
+    """SQP run on a finer grid, started from motion and multipliers on a coarser one."""
     fine = task.program(found.program.reference, grid)
     point, y, z = transferred(found, fine)
     purpose, status = "from the coarser grid", found.result.status
-    if status is SQPStatus.INFEASIBLE:  # the finer grid has the last word
+    if status is SQPStatus.INFEASIBLE:  # a finer grid may still be feasible
         return runs.minimize(fine, point, SQPSettings(), purpose=purpose)
     finer = runs.minimize(fine, point, RESUMED, y=y, z=z, purpose=purpose)
     return replace(finer, coarser=found.duration if status.is_feasible else None)
 
 
 def transferred(found: Candidate, fine: StagedProgram) -> tuple[Motion, Array, Array]:
-    """The motion and the multipliers of a candidate on a finer grid.
+    """Motion and multipliers (y, z) of a candidate, transferred to a finer grid.
 
-    Multipliers of rows of an interval are shared among the intervals that it is cut into, in
-    proportion to their lengths. Rates at nodes and positions get none.
+    The multipliers of an interval's nonlinear rows and acceleration limits are distributed over the
+    intervals that it is divided into, in proportion to their lengths. All other limits start with
+    zero multipliers.
     """
     coarse, result = found.program, found.result
     parent = coarse.grid.parents(fine.grid)
@@ -110,10 +112,10 @@ def transferred(found: Candidate, fine: StagedProgram) -> tuple[Motion, Array, A
 
 
 def _slower(task: Task, runs: Runs, best: Candidate) -> Candidate:
-    """The least-violating of a motion without success and of far slower ones.
+    """Least-violating motion among an infeasible one, a much slower one, and the SQP from there.
 
-    A search that fails ends where its steps no longer help, at a pace that may add to what even a
-    motion at rest would violate. The message is to tell of the latter.
+    An infeasible run ends at any duration, where inertial forces may add to a violation that exists
+    even at rest. The failure message shall report the violation that remains in a slow motion.
     """
     duration, grid = SLOW * task.least, Grid.of(task.problem.first_intervals)
     controls, duration = task.guess(duration, grid.size, smooth=True)

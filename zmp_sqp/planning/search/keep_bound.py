@@ -1,4 +1,4 @@
-"""Whether a motion can be as fast as the joint limits allow: decided by a few shortest steps."""
+"""Quick search for a safe motion whose duration is the lower bound set by the joint limits."""
 
 from __future__ import annotations
 
@@ -16,23 +16,24 @@ from zmp_sqp.sqp.result import IterationRecord, SQPResult, SQPStatus
 
 __all__ = ["ABOVE", "at_the_bound"]
 
-ABOVE = 3e-4  # relative, above the lower bound: there the deciding joint has only one motion
-# The grid has nodes where the deciding coordinate's acceleration jumps, and at least so many
-# intervals in each of its phases
-LEAST_PER_PHASE = 2
+# relative excess of the duration over the lower bound: at the bound itself the deciding joint has
+# only one motion
+ABOVE = 3e-4
+LEAST_PER_PHASE = 2  # fewest intervals in each phase of the deciding coordinate
 PURPOSE = "shortest steps to a motion at the bound"
-LEAST_COARSE = 8  # intervals of a coarse grid, below which there is none
+LEAST_COARSE = 8  # fewest intervals of the coarse grid; with less the full grid is used
 
 
 def at_the_bound(task: Task, runs: Runs) -> Candidate | None:
-    """A motion that is hardly slower than the joint limits allow; None if none is found quickly.
+    """Feasible motion at most 0.03 % slower than the lower bound; None if none is found quickly.
 
-    It is looked for on half of the intervals: with nodes where the deciding coordinate's
-    acceleration jumps, they are enough. The motion is then the same on all intervals.
+    First the bang-coast-bang motion itself is tried, then a few least-distance steps from it
+    (`nearest_feasible`) on a grid with nodes at the switching times of the deciding coordinate.
+    Half of the intervals are enough for that; the motion found is then transferred to all.
     """
-    if (guessed := _as_guessed(task)) is not None:
-        runs.record("bang-bang motion on the grid", guessed)
-        return guessed
+    if (bang_bang := _bang_bang_at_bound(task)) is not None:
+        runs.record("bang-bang motion on the grid", bang_bang)
+        return bang_bang
     motion = blind_motion(task, ABOVE)
     if motion is None or runs.is_late:
         return None
@@ -65,10 +66,11 @@ def at_the_bound(task: Task, runs: Runs) -> Candidate | None:
     return reached
 
 
-def _as_guessed(task: Task) -> Candidate | None:
-    """The motion with one acceleration per interval, if the grid allows the bound and it is safe.
+def _bang_bang_at_bound(task: Task) -> Candidate | None:
+    """Bang-coast-bang motion on the uniform grid, if it reaches the bound and is feasible.
 
-    So it is where switching times fall on nodes, as they do halfway in a motion without coasting.
+    It reaches the bound where the switching times are nodes, as for a motion without coasting that
+    switches at half time, on an even number of intervals.
     """
     intervals = task.problem.first_intervals
     least = task.bound_on(intervals)
@@ -85,7 +87,7 @@ def _as_guessed(task: Task) -> Candidate | None:
 
 
 def aligned_grid(motion: BlindMotion, intervals: int) -> Grid:
-    """Nodes where the deciding coordinate's acceleration jumps, the rest evenly in between."""
+    """Grid with nodes at the deciding coordinate's switching times, uniform within each phase."""
     lengths = motion.phases[motion.deciding] / motion.duration
     lengths = lengths[lengths > 1e-6]
     lengths = lengths / lengths.sum()
@@ -93,7 +95,7 @@ def aligned_grid(motion: BlindMotion, intervals: int) -> Grid:
     if least == 0:
         return Grid.of(intervals)
     counts = np.maximum(np.round(intervals * lengths), least).astype(int)
-    while counts.sum() != intervals:  # from or to where intervals are shortest or longest
+    while counts.sum() != intervals:  # take from the shortest intervals, add to the longest
         sizes = lengths / counts
         longer = np.where(counts > 1, sizes, np.inf)
         k = int(np.argmin(longer)) if counts.sum() > intervals else int(np.argmax(sizes))

@@ -1,4 +1,4 @@
-"""Messages that say how planning ended and, without success, what is wrong with the last motion."""
+"""Messages of plans: how planning ended and, without success, the faults of the last motion."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ def failure_message(
 ) -> str:
     """Message of a plan: its status and, without success, each violated constraint.
 
-    With success, the message names constraints that are sampled only.
+    With success, it names the constraints that are only sampled, not proven.
 
     Args:
-        problem: The problem.
+        problem: Problem that was planned.
         status: How planning ended.
-        checked: Certificate of the last motion.
+        checked: Certificate of the last motion of the search.
         obstacle: Why the last motion could not be certified; empty if it could.
 
     Returns:
@@ -36,11 +36,11 @@ def failure_message(
         return f"{status}{_sampled_only(checked)}"
     if problem.machine.support is None:
         return str(status)
-    said = [_ending(problem, status, checked)]
-    said += [f"The last motion looked at {words}." for words in _faults(problem, checked)]
+    sentences = [_ending(problem, status, checked)]
+    sentences += [f"The last motion looked at {words}." for words in _faults(problem, checked)]
     if checked.margin < problem.margin:
-        said.append(_zmp_sentence(problem, checked))
-    return " ".join(said)
+        sentences.append(_zmp_sentence(problem, checked))
+    return " ".join(sentences)
 
 
 def _ending(problem: Problem, status: Status, checked: Certificate) -> str:
@@ -56,19 +56,19 @@ def _ending(problem: Problem, status: Status, checked: Certificate) -> str:
 
 
 def _faults(problem: Problem, checked: Certificate) -> list[str]:
-    """What is wrong beside tip-over, in words that follow "the motion".
+    """Faults other than tip-over, as predicates that follow "the motion".
 
     All violated constraints of the problem, and the first violated limit of joints or base.
     """
     words = [fault_of(found) for found in broken_own(checked.guarantees)]
     if limit := limit_fault(checked.guarantees):
         missed = np.isinf(checked.limit_excess)  # the base misses its goal
-        words.append(f"{limit}{_sideways(problem) if missed else ''}")
+        words.append(f"{limit}{_goal_to_the_side(problem) if missed else ''}")
     return words
 
 
 def _sampled_only(checked: Certificate) -> str:
-    """Constraints that are not proven between samples, as a sentence; empty if all are."""
+    """Sentence on constraints that are not proven between samples; empty if all are proven."""
     names = [name_in_words(found) for found in checked.guarantees if not found.proven]
     if not names:
         return ""
@@ -95,8 +95,8 @@ def _zmp_sentence(problem: Problem, checked: Certificate) -> str:
     return f"{at} the ZMP {position}{extreme}."
 
 
-def _sideways(problem: Problem) -> str:
-    """Why a base misses a goal to its side, with advice; empty if the goal is not there."""
+def _goal_to_the_side(problem: Problem) -> str:
+    """Reason and advice for a base whose goal lies to its side; empty if it does not."""
     base = problem.base
     if base is None:
         return ""

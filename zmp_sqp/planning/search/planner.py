@@ -1,4 +1,4 @@
-"""From a problem to a plan in three steps: explore, refine, prove."""
+"""Planning of a problem in three steps: explore, refine, prove."""
 
 from __future__ import annotations
 
@@ -33,27 +33,28 @@ def plan(
     *,
     progress: Callable[[IterationRecord], None] | None = None,
 ) -> Plan:
-    r"""Fastest safe motion, by SQP on a multiple-shooting program in normalised time.
+    r"""Fastest safe motion of a problem, by SQP on a nonlinear program in normalised time.
 
     .. math:: \min T \quad \text{s.t. ZMP in the polygon, joint limits}
               \qquad \text{(Song \& Sharf 2020, eq. (19))}
 
-    The motion that knows only the joint limits is the answer where it is safe. Otherwise the
-    fastest motion with accelerations that are linear within the intervals is searched for, on half
-    of the intervals and then on all of them (`explore`), and on more where the problem leaves their
-    number to the planner (`refine`). The result is certified for all t; where a constraint fails
-    between the nodes, it is tightened by what is missing and the program is solved again (`prove`).
+    If the fastest motion within the joint limits alone is safe, it is the answer. Otherwise the SQP
+    searches for the fastest motion with accelerations that are linear within the intervals: near
+    the lower bound of the duration if that is feasible, else on half of the intervals and then on
+    all of them (`explore`). With `intervals="auto"` the grid is then refined (`refine`). The result
+    is certified for all t; where a constraint fails between the nodes, it is tightened by its
+    shortfall and the program is solved again (`prove`).
 
     Args:
-        problem: The question.
+        problem: Problem to plan.
         qp_solver: "auto" (ProxQP or PIQP, by size of the QP), "proxqp" (which leaves QPs of more
             than 1200 variables to PIQP), "piqp", or "qpsolvers:NAME".
-        time_budget: No new QP starts after this long [s]; one that has begun is brought to its end.
-            None for as long as it takes.
-        progress: Called after every iteration with its record.
+        time_budget: Wall time after which no new QP starts [s]; a QP that has begun is finished.
+            None for no limit.
+        progress: Called after every SQP iteration with its record.
 
     Returns:
-        Plan; `success` is False where no safe motion was found, with a diagnosis in `message`.
+        The plan; `success` is False where no safe motion was found, with a diagnosis in `message`.
 
     Raises:
         ProblemError: Unknown QP solver, or a time budget that is not a positive number.
@@ -83,7 +84,7 @@ def _check(problem: Problem, time_budget: float | None) -> None:
 
 
 def _already_there(problem: Problem) -> Proven:
-    """Start and goal are one state, at rest or in motion: a motion of no duration."""
+    """Motion of zero duration, for equal start and goal states, at rest or in motion."""
     q, v = (np.vstack([part] * 2) for part in (problem.start, problem.start_velocity))
     base = problem.undercarriage.still()
     joints = problem.machine.joint_names

@@ -1,4 +1,4 @@
-"""Third step of planning: the certificate, and tighter constraints where it fails."""
+"""Third step of planning: certify the motion, and tighten constraints where that fails."""
 
 from __future__ import annotations
 
@@ -23,9 +23,11 @@ from zmp_sqp.sqp.result import SQPStatus
 
 __all__ = ["Proven", "prove"]
 
-MAX_TIGHTENINGS = 6
-HARDLY = 1.001 * ABOVE  # what is not slower than the bound by more is called fastest possible
-OVERSHOOT = 1.5  # by which a constraint is tightened, per shortfall of its guarantee
+MAX_TIGHTENINGS = 6  # certificates at most
+# largest relative excess over the lower bound with status FASTEST_POSSIBLE: `ABOVE` and rounding
+AT_BOUND = 1.001 * ABOVE
+OVERSHOOT = 1.5  # tightening of a constraint per shortfall of its guarantee
+# status of the plan by status of the SQP run, if the certificate does not change it
 OUTCOMES = {
     SQPStatus.OPTIMAL: Status.OPTIMAL,
     SQPStatus.BOUND_REACHED: Status.FASTEST_POSSIBLE,
@@ -34,20 +36,20 @@ OUTCOMES = {
     SQPStatus.TIME_LIMIT: Status.TIME_BUDGET,
     SQPStatus.ITERATION_LIMIT: Status.ITERATION_LIMIT,
 }
-# where it may be the base alone that is wrong
-BLIND = (Status.INFEASIBLE, Status.FAILED, Status.UNSAFE_BETWEEN_NODES)
+# statuses that are replaced by BASE if only the base is at fault
+MAYBE_BASE = (Status.INFEASIBLE, Status.FAILED, Status.UNSAFE_BETWEEN_NODES)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Proven:
-    """How planning ended.
+    """Last motion of the search, with its certificate and the status of the plan.
 
     Attributes:
-        status: The verdict.
-        certificate: Of the last motion.
-        attempt: That motion; None where it could not be made.
-        duration: Of the attempt, or of the program's last point [s].
-        obstacle: What kept a motion from being made, in words.
+        status: How planning ended.
+        certificate: Certificate of the last motion.
+        attempt: Last motion; None where no trajectory could be built from the program's point.
+        duration: Duration of the attempt, or of the program's last point [s].
+        obstacle: Reason why no trajectory could be built, in words; empty if it could.
     """
 
     status: Status
@@ -58,14 +60,14 @@ class Proven:
 
 
 def prove(task: Task, candidate: Candidate, runs: Runs) -> Proven:
-    """Certify the motion; where it fails between the nodes, tighten what failed and solve again."""
+    """Certify the motion; tighten constraints that fail between nodes, and solve again."""
     problem, tightening = task.problem, Tightening()
     for _ in range(MAX_TIGHTENINGS):
         try:
             motion = trajectory(problem, candidate.program, candidate.motion)
             checked = certify_for(problem, motion)
         except (ProblemError, TrajectoryError) as cause:
-            # off the map, or where the tracks cannot follow
+            # the path leaves the map, or the tracks cannot follow the ground
             base = problem.undercarriage
             if not isinstance(base, Driving) or base.terrain.uniform:
                 raise
@@ -81,33 +83,33 @@ def prove(task: Task, candidate: Candidate, runs: Runs) -> Proven:
         candidate = _solve_again(task, candidate, tightening, runs)
     margin_kept = checked.margin >= problem.margin
     base_fails = any(not found.kept for found in checked.guarantees if found.name == "base")
-    if status in BLIND and base_fails and margin_kept:
+    if status in MAYBE_BASE and base_fails and margin_kept:
         status = Status.BASE
     return Proven(status, checked, motion, motion.duration)
 
 
 def _verdict(task: Task, candidate: Candidate, motion: Trajectory, checked: Certificate) -> Status:
-    """What the certificate makes of the search's outcome.
+    """Status of the plan, from the outcome of the search and the certificate.
 
-    UNSAFE_BETWEEN_NODES where tighter constraints may mend it.
+    UNSAFE_BETWEEN_NODES means that tighter constraints may give a safe motion.
     """
     status = OUTCOMES.get(candidate.result.status, Status.FAILED)
-    if status is Status.FASTEST_POSSIBLE and motion.duration > task.lower_bound * (1.0 + HARDLY):
+    if status is Status.FASTEST_POSSIBLE and motion.duration > task.lower_bound * (1.0 + AT_BOUND):
         status = Status.OPTIMAL
     if checked.safe and meets_boundary_states(task.problem, motion):
-        return status if status.success else Status.SAFE  # the proof does not ask how it was found
+        return status if status.success else Status.SAFE  # proven safe, however it was found
     if not status.success:
         return status
-    if not np.isfinite(checked.margin) or checked.safe:  # nothing that tightening would mend
+    if not np.isfinite(checked.margin) or checked.safe:  # tightening would not help
         return Status.FAILED
     joints = next(found for found in checked.guarantees if found.name == "joint_limits")
     if task.problem.distance_limits is not None and not joints.kept:
-        return Status.JOINT_LIMITS  # tightening does not mend that
+        return Status.JOINT_LIMITS  # tightening does not help
     return Status.UNSAFE_BETWEEN_NODES
 
 
 def _tightened(tightening: Tightening, checked: Certificate) -> Tightening:
-    """Tightened by more than every guarantee falls short."""
+    """Tightening increased by `OVERSHOOT` times the shortfall of every failed guarantee."""
     off_bounds = [
         found.shortfall
         for found in checked.broken
@@ -116,20 +118,20 @@ def _tightened(tightening: Tightening, checked: Certificate) -> Tightening:
     if off_bounds and np.isfinite(off_bounds[0]):
         base_bounds = tightening.base_bounds + OVERSHOOT * off_bounds[0]
         tightening = replace(tightening, base_bounds=base_bounds)
-    own = [
+    failed = [
         found for found in checked.broken if found.name not in ("base", "contact", "joint_limits")
     ]
-    for found in own:
+    for found in failed:
         least = GUARD if found.name == "tip_over" else 0.0
         if np.isfinite(found.shortfall):
             tightening = tightening.by(found.name, OVERSHOOT * max(found.shortfall, least))
-    if not own and not (off_bounds and off_bounds[0] > BOUNDS_TOLERANCE):
+    if not failed and not (off_bounds and off_bounds[0] > BOUNDS_TOLERANCE):
         tightening = tightening.by("tip_over", OVERSHOOT * GUARD)
     return tightening
 
 
 def _solve_again(task: Task, candidate: Candidate, tightening: Tightening, runs: Runs) -> Candidate:
-    """The point of the tighter program, from the last one on."""
+    """SQP run on the program with tighter constraints, resumed from the last point."""
     program = task.program(
         candidate.program.reference,
         candidate.program.grid,

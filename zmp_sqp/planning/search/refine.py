@@ -1,4 +1,4 @@
-"""Second step of planning: a finer grid, where the planner chooses it."""
+"""Second step of planning: finer grids, where `intervals="auto"` leaves them to the planner."""
 
 from __future__ import annotations
 
@@ -11,27 +11,30 @@ from zmp_sqp.sqp.result import SQPStatus
 
 __all__ = ["refine"]
 
-WORTH = 7e-4  # gain on a grid four times as fine, relative: less than the 0.1 % that are promised
-MOST_INTERVALS = 400
+# expected relative gain on a grid four times as fine that is worth a refinement: below the 0.1 %
+# that `Problem.intervals` promises, because it is an estimate
+WORTHWHILE_GAIN = 7e-4
+MOST_INTERVALS = 400  # in a refined grid
 
 
 def refine(task: Task, found: Candidate, runs: Runs) -> Candidate:
-    r"""The motion on a grid that is fine enough, where the problem leaves that to the planner.
+    r"""Motion on a grid that is fine enough; with a given number of intervals the motion itself.
 
-    The error of the duration falls with the square of an interval's length: measured on random
-    problems at 25, 50, 100 and 200 intervals. So with T_c and T on the last two grids
+    The error of the duration is proportional to the square of the interval length, as measured on
+    random problems with 25, 50, 100 and 200 intervals. With the durations T_c and T on the last two
+    grids, the gain on a grid four times as fine is about (Richardson extrapolation)
 
     .. math:: T - T_{4N} \approx \frac{T_c - T}{3} \left(1 - \frac{1}{16}\right)
 
-    and all intervals are halved until that is less than 0.07 % of T: 0.1 % is promised, and this is
-    an estimate. Cutting only those where accelerations jump would not pay: a motion gains where its
-    zero moment point runs along an edge.
+    and all intervals are halved until that is less than 0.07 % of T. Halving only the intervals at
+    which accelerations jump does not help: the gain comes from intervals in which the zero moment
+    point runs along an edge.
     """
     problem = task.problem
     if not problem.refines:
         return found
     most = min(MOST_INTERVALS, MOST_ACCELERATIONS // problem.machine.size)
-    while _gains(found) and not runs.is_late:
+    while _is_worth_refining(found) and not runs.is_late:
         grid = found.program.grid
         if not grid.uniform or 2 * grid.size > most:
             break
@@ -42,11 +45,14 @@ def refine(task: Task, found: Candidate, runs: Runs) -> Candidate:
     return found
 
 
-def _gains(found: Candidate) -> bool:
-    """Whether a grid four times as fine is expected to make the motion faster by 0.1 %."""
+def _is_worth_refining(found: Candidate) -> bool:
+    """Whether the expected gain on a grid four times as fine exceeds `WORTHWHILE_GAIN`.
+
+    True where only one grid has been solved.
+    """
     if not found.is_feasible or found.result.status is SQPStatus.BOUND_REACHED:
         return False
     if found.coarser is None:
         return True
     expected = (found.coarser - found.duration) / 3.0 * (1.0 - 1.0 / 16.0)
-    return expected > WORTH * found.duration
+    return expected > WORTHWHILE_GAIN * found.duration

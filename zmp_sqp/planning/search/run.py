@@ -1,4 +1,4 @@
-"""SQP runs of one planning call: QP solvers, time budget, history."""
+"""SQP runs of one planning call, with their QP solver, time budget and records."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ __all__ = ["Candidate", "Runs", "SearchRun"]
 
 @dataclass(frozen=True, slots=True)
 class SearchRun:
-    """One run of the search, as a plan tells of it.
+    """Record of one SQP run of the search, as listed in a plan.
 
     Attributes:
-        purpose: What it was for, in words, such as the guess it started from.
-        intervals: Number of intervals of its grid.
-        backend: QP solvers that solved its QPs, separated by commas.
-        iterations: Number of its iterations.
-        status: Why it ended, as a name of `SQPStatus` in lower case.
-        duration: Of its last point [s].
+        purpose: Purpose of the run in words, such as the guess it started from.
+        intervals: Number of intervals of the grid.
+        backend: Names of the QP solvers that solved its QPs, separated by commas.
+        iterations: Number of iterations.
+        status: Name of the `SQPStatus` it ended with, in lower case.
+        duration: Duration of its last point [s].
     """
 
     purpose: str
@@ -41,12 +41,12 @@ class SearchRun:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidate:
-    """A point that an SQP run ended at.
+    """Last point of an SQP run, with the program that was solved.
 
     Attributes:
-        program: The nonlinear program.
-        result: How the run ended.
-        coarser: Least duration that was found on half as many intervals [s]; None if unknown.
+        program: Nonlinear program.
+        result: Result of the run.
+        coarser: Shortest duration on half as many intervals [s]; None if unknown.
     """
 
     program: StagedProgram
@@ -60,36 +60,36 @@ class Candidate:
 
     @property
     def motion(self) -> Motion:
-        """The point."""
+        """Last point of the run."""
         motion: Motion = self.result.point
         return motion
 
     @property
     def controls(self) -> Array:
-        """Accelerations times the squared duration, shape (N, 2, n)."""
+        """Accelerations T^2 a at both ends of the intervals, shape (N, 2, n)."""
         return self.program.unpack(self.motion)[2]
 
     @property
     def S(self) -> float:
-        """Squared duration [s^2]."""
+        """Squared duration of the motion [s^2]."""
         return self.motion.sigma * self.program.reference**2
 
     @property
     def duration(self) -> float:
-        """Of the motion [s]."""
+        """Duration of the motion [s]."""
         return float(np.sqrt(self.S))
 
 
 @dataclass(slots=True)
 class Runs:
-    """Solves nonlinear programs until a deadline, and keeps the records of all iterations.
+    """Runner of SQPs with a common deadline, which keeps the records of all iterations.
 
     Attributes:
-        backend: The QP solver that was asked for.
-        fallback: The one for QPs that it does not solve.
-        started: When planning began, a `time.perf_counter()` value [s].
-        deadline: When it must end; None for as long as it takes.
-        progress: Called after every iteration with its record.
+        backend: QP solver that the user chose.
+        fallback: QP solver for QPs that `backend` does not solve; None for none.
+        started: Start of planning, a `time.perf_counter()` value [s].
+        deadline: `time.perf_counter()` value after which no new QP starts [s]; None for no limit.
+        progress: Called after every iteration with its record; None for no calls.
         history: Records of all iterations so far.
         runs: One record per run so far.
     """
@@ -109,7 +109,11 @@ class Runs:
         time_budget: float | None,
         progress: Callable[[IterationRecord], None] | None,
     ) -> Runs:
-        """Start the clock, with a QP solver."""
+        """Start the time budget, with a QP solver by name.
+
+        Raises:
+            ProblemError: Unknown QP solver.
+        """
         started = time.perf_counter()
         deadline = None if time_budget is None else started + time_budget
         backend = make_backend(qp_solver)
@@ -138,7 +142,15 @@ class Runs:
         excess: Array | None = None,
         purpose: str = "",
     ) -> Candidate:
-        """Run the SQP from a motion, with multipliers if there are any; `purpose` is recorded."""
+        """Run the SQP from a motion and record the run.
+
+        Args:
+            program: Nonlinear program.
+            point: Initial guess.
+            settings: Settings of the SQP; the deadline is set here.
+            y, z, excess: Multipliers and excess of a nearby solution, see `SQP.minimize`.
+            purpose: Purpose of the run in words, for its record.
+        """
         settings = replace(settings, deadline=self.deadline)
         sqp = SQP(self.backend, self.fallback, settings, self.progress)
         result = sqp.minimize(program, point, y=y, z=z, excess=excess)
@@ -148,13 +160,13 @@ class Runs:
         return found
 
     def note(self, record: IterationRecord) -> None:
-        """Take in the record of an iteration that was no SQP step."""
+        """Add the record of an iteration that was no SQP step."""
         self.history.append(record)
         if self.progress is not None:
             self.progress(record)
 
     def record(self, purpose: str, found: Candidate) -> None:
-        """Take in a run that has ended, for the plan to tell of."""
+        """Add the record of a run that has ended."""
         steps = found.result.history
         backends = ", ".join(dict.fromkeys(step.backend for step in steps))
         size, status = found.program.grid.size, found.result.status.name.lower()

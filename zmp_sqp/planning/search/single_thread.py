@@ -1,4 +1,4 @@
-"""Limit of BLAS to one thread during planning, whose matrices are too small for more."""
+"""Context that limits BLAS to one thread: matrices of planning are too small for more."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from threadpoolctl import ThreadpoolController
 __all__ = ["one_blas_thread"]
 
 _lock = threading.Lock()
-# one entry per call that is inside `one_blas_thread`: first the limiter, which sets and lifts the
-# limit, then None for every other call
+# one entry per call that is inside `one_blas_thread`: the limiter, which sets and lifts the limit,
+# for the first call, None for all others
 _inside: list[Any] = []
 
 
@@ -25,11 +25,11 @@ def _controller() -> ThreadpoolController:
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Context, and decorator, in which BLAS uses one thread.
+    """Context manager and decorator within which BLAS uses one thread.
 
-    Python threads may be inside at the same time: the first to enter sets the limit, the last to
-    leave lifts it. On two cores a plan with two BLAS threads takes 1.5 times as long as with one,
-    and its last digits would depend on the number of threads.
+    Several Python threads may be inside at the same time: the first to enter sets the limit, the
+    last to leave lifts it. On two cores a plan with two BLAS threads takes 1.5 times as long as
+    with one, and its last digits would depend on the number of threads.
     """
     with _lock:
         _inside.append(_controller().limit(limits=1, user_api="blas") if not _inside else None)

@@ -1,4 +1,4 @@
-"""A problem as the search sees it: boundary states, limits, bound constraints, proven bounds."""
+"""Planning task: a problem with its boundary states, limits, constraints and lower bound."""
 
 from __future__ import annotations
 
@@ -28,37 +28,37 @@ from zmp_sqp.planning.search.guess import initial_guess, swung_aside
 __all__ = ["Task", "Tightening", "task_of"]
 
 
-POSES = 9  # on the straight way in joint space
+POSES = 9  # poses on the straight line in joint space at which corners are compared at rest
 
 
 @dataclass(frozen=True, slots=True)
 class Tightening:
-    """By how much the program keeps inside constraints, so that these hold between its nodes.
+    """Amounts by which constraints are tightened in the program, to hold between its nodes.
 
     Attributes:
-        constraints: By constraint name, in the constraint's unit.
-        base_bounds: For x and y bounds of a base [m].
+        constraints: Amount by constraint name, in the constraint's unit.
+        base_bounds: Amount for x and y bounds of a base [m].
     """
 
     constraints: Mapping[str, float] = field(default_factory=dict)
     base_bounds: float = 0.0
 
     def by(self, name: str, amount: float) -> Tightening:
-        """Tightened further for one constraint."""
+        """This tightening, increased by an amount for one constraint."""
         changed = {**self.constraints, name: self.constraints.get(name, 0.0) + amount}
         return replace(self, constraints=changed)
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What search, refinement and proof work on.
+    """Planning task, derived from a problem once: what explore, refine and prove share.
 
     Attributes:
-        problem: The question.
-        start, goal: Boundary states in planning coordinates.
+        problem: Problem to plan.
+        start, goal: Boundary states in the coordinates of joints and undercarriage.
         bounds: Limits of the coordinates.
-        constraints: The path constraints, bound to the machine at every corner.
-        lower_bound: No motion within the limits of joints and base is shorter [s].
+        constraints: Path constraints, bound to the machine at every corner.
+        lower_bound: Proven lower bound of the duration within the limits of joints and base [s].
     """
 
     problem: Problem
@@ -70,11 +70,14 @@ class Task:
 
     @property
     def least(self) -> float:
-        """Least duration with an acceleration per interval, from rest to rest [s]."""
+        """Lower bound of the duration with one acceleration per interval of the first grid [s].
+
+        Equals `lower_bound` unless the motion is from rest to rest.
+        """
         return max(self.lower_bound, self.bound_on(self.problem.first_intervals))
 
     def bound_on(self, intervals: int) -> float:
-        """Least duration with an acceleration per interval; 0 from or to motion [s]."""
+        """Least duration with one acceleration per interval [s]; 0 unless from rest to rest."""
         return grid_bound(self.start, self.goal, self.bounds, intervals)
 
     def program(
@@ -85,16 +88,16 @@ class Task:
         least: float | None = None,
         tightening: Tightening | None = None,
     ) -> StagedProgram:
-        """The nonlinear program.
+        """Nonlinear program of the task on a grid.
 
         Args:
             reference: Duration that scales time [s].
-            grid: Of normalised time.
-            least: Lower bound that is put on the duration [s]; None for the proven one.
-            tightening: How far inside the constraints it keeps; None not at all.
+            grid: Grid of normalised time.
+            least: Lower bound on the duration [s]; None for `lower_bound`.
+            tightening: Amounts by which constraints are tightened; None for none.
         """
-        drawn_in = tightening or Tightening()
-        constraints = self.constraints.tightened(drawn_in.constraints)
+        amounts = tightening or Tightening()
+        constraints = self.constraints.tightened(amounts.constraints)
         duration = self.lower_bound if least is None else least
         undercarriage = self.problem.undercarriage
         drive: Positions | None = None
@@ -106,7 +109,7 @@ class Task:
                 undercarriage.base,
                 undercarriage.terrain,
                 reach=0.0 if support is None else support.reach,
-                drawn_in=drawn_in.base_bounds,
+                drawn_in=amounts.base_bounds,
             )
         return StagedProgram(
             StageRows(constraints, reference),
@@ -119,12 +122,12 @@ class Task:
         )
 
     def guess(self, duration: float, intervals: int, *, smooth: bool) -> tuple[Array, float]:
-        """Accelerations T^2 a, shape (N, 2, n), and duration of a motion to start from [s].
+        """Initial guess: accelerations T^2 a, shape (N, 2, n), and duration T [s].
 
         Args:
-            duration: Least duration of it [s].
+            duration: Least duration of the guess [s].
             intervals: Number N of equal intervals.
-            smooth: Whether it is a cubic from rest to rest, too.
+            smooth: Whether to use a cubic also from rest to rest, see `initial_guess`.
         """
         alpha, found = initial_guess(
             self.constraints.at([self.worst_corner]),
@@ -148,19 +151,19 @@ class Task:
 
     @cached_property
     def worst_corner(self) -> int:
-        """Corner at which the zero moment point is farthest out at rest, on the straight way."""
+        """Index of the corner whose ZMP is furthest out at rest on the line from start to goal."""
         if len(self.constraints.corners) == 1:
             return 0
         share = np.linspace(0.0, 1.0, POSES)[:, None]
         q = self.start.q + share * (self.goal.q - self.start.q)
         route = self.problem.undercarriage.route
-        places = None if route is None else route[0] + share * (route[1] - route[0])
-        outside = self.constraints.outside_by_corner(q, 0.0 * q, 0.0 * q, 1.0, places)
+        base_positions = None if route is None else route[0] + share * (route[1] - route[0])
+        outside = self.constraints.outside_by_corner(q, 0.0 * q, 0.0 * q, 1.0, base_positions)
         return int(np.argmax(outside))
 
 
 def task_of(problem: Problem) -> Task:
-    """Formulate a problem."""
+    """Planning task of a problem."""
     start, goal = boundaries(problem)
     bounds = path_bounds(problem)
     limits = problem.machine.limits

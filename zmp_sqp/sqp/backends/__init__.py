@@ -1,4 +1,4 @@
-"""QP backends behind one protocol; each solver is imported only when it is asked for."""
+"""QP solvers behind one protocol; each is imported only when it is asked for."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ QPSOLVERS_PREFIX = "qpsolvers:"
 
 
 class QPBackend(Protocol):
-    """Solves one quadratic program at a time, in bounded work: iterations are capped."""
+    """Solver of one quadratic program at a time, with a limited number of iterations."""
 
     @property
     def name(self) -> str:
-        """How the history calls it."""
+        """Name in the records of iterations."""
 
     @property
     def needs_convex(self) -> bool:
@@ -27,25 +27,30 @@ class QPBackend(Protocol):
     def solve(
         self, qp: QP, *, tolerance: float, iterations: int, warm: QPSolution | None = None
     ) -> QPSolution:
-        """Solution, converged or not; never raises because of the program's numbers.
+        """Solution of a QP; `solved` is False where it did not converge. Raises for no data.
 
         Args:
-            qp: The program.
-            tolerance: Of the residuals.
-            iterations: At most so many, where the method is an interior-point one.
-            warm: About the solution, for methods that gain from knowing which multipliers are
-                positive.
+            qp: Quadratic program.
+            tolerance: Tolerance of the KKT residuals.
+            iterations: Largest number of iterations of an interior-point method.
+            warm: Guess of the solution, for methods that profit from knowing which multipliers
+                are positive; None for none.
         """
 
     def solve_again(self, u: Array, b: Array) -> QPSolution:
-        """Solution of the last program with other right-hand sides."""
+        """Solution of the last QP with other right-hand sides.
+
+        Args:
+            u: Upper bounds of the inequalities, shape (m,).
+            b: Right-hand side of the equalities, shape (p,).
+        """
 
 
 def make_backend(name: str) -> QPBackend:
     """Backend by name: "auto", "proxqp", "piqp", or "qpsolvers:NAME".
 
     Raises:
-        ProblemError: Unknown name; the message lists what there is.
+        ProblemError: Unknown name; the message lists the known ones.
     """
     if name == "proxqp":
         from zmp_sqp.sqp.backends.proxqp import ProxQP

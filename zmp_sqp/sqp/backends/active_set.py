@@ -1,4 +1,4 @@
-"""Exact solution of a QP from a good guess of its active rows, by DAQP's dual active-set method."""
+"""Exact solution of a QP from a guess of its active rows, by DAQP's dual active-set method."""
 
 from __future__ import annotations
 
@@ -16,46 +16,55 @@ __all__ = ["ActiveSetMethod"]
 
 Mask = npt.NDArray[np.bool_]
 
-TOLERANCE = 1e-9  # of rows, each divided by its norm in the metric of H
+TOLERANCE = 1e-9  # primal tolerance of DAQP, for rows divided by their norm in the metric of H
 DUAL_TOLERANCE_OF_DAQP = 1e-12
-CENTRES = 4  # of the proximal term, the solution about one being the next one
-DIGITS = 6  # decimals of the proximal centre: the noise of a guess is far below
-# of the largest gradient: variables whose curvature may be too small for the method's digits
+CENTRES = 4  # proximal iterations at most: each solution is the centre of the next proximal term
+DIGITS = 6  # decimals to which the centre is rounded, so that noise of the guess has no effect
+# variables whose gradient is above this share of the largest, and whose curvature is below PROXIMAL
+# times the gradient, get that curvature as a proximal term
 STEEP = 0.1
-PROXIMAL = 1e-4  # the curvature that they get, per unit gradient
-# curvature that a semi-definite Hessian gets in all variables, per largest one
+PROXIMAL = 1e-4
+# curvature added to all variables where H is only semi-definite, relative to the largest diagonal
+# entry of H, which counts as at least the second value
 SHIFT, LEAST_CURVATURE = 1e-10, 1e-8
-LARGEST_WORK = 4e9  # entries looked at by all pivots: some seconds
-# the latter per unit gradient; beyond, it is no solution
+LARGEST_WORK = 4e9  # matrix entries that all pivots may touch: some seconds
+# residuals up to which an answer counts as a solution; the dual one per unit of the gradient
 PRIMAL_TOLERANCE, DUAL_TOLERANCE = 1e-7, 1e-5
-NO_BOUND = 1e30  # what DAQP takes for infinity
-INFEASIBLE = -1  # DAQP's exit flag: the dual has a ray
-EQUALITY, ACTIVE = 5, 1  # DAQP's `sense`
+NO_BOUND = 1e30  # infinity of DAQP
+INFEASIBLE = -1  # exit flag of DAQP: the dual is unbounded
+EQUALITY, ACTIVE = 5, 1  # values of DAQP's `sense` of a row
 
 
 class ActiveSetMethod:
-    r"""Solves a QP whose active rows are nearly known.
+    r"""Active-set method for a QP whose active rows are nearly known.
 
-    In w = L'x + L^{-1}g, with H = LL', the QP asks for the point of a polyhedron that is nearest to
-    the origin, which DAQP finds by exchanging active rows (Arnstroem, Bemporad and Axehill 2022).
-    The answer's bits follow from the rows that it starts with, not from the digits of a guess.
+    With H = LL' and w = L'x + L^{-1}g the QP becomes a least-distance problem: find the point of a
+    polyhedron nearest to the origin. DAQP solves it by exchanging active rows (Arnstroem, Bemporad
+    and Axehill 2022). The result depends on the initial active rows, but not on the last digits of
+    the guess, and is therefore reproducible bit by bit.
 
-    Curvature of variables that the objective presses against their rows, such as the duration, is
-    all but zero, and w would lose half of its digits: they get a proximal term about the guess,
-    rounded. The square of the equalities, |A x - b|^2 / 2, is added to the objective: it changes
-    neither solution nor multipliers, and gives curvature to variables that only equalities
-    determine, such as a driving base's positions.
+    Three terms are added to H, which has to be well conditioned:
 
-    A Hessian that is only semi-definite gets such a term in all variables. What that leaves is
-    measured by the residuals of the program itself, which decide.
+    * A proximal term about the rounded guess in variables with a large gradient and almost no
+      curvature, such as the duration: without it w would lose half of its digits.
+    * The Hessian of |A x - b|^2 / 2, which changes neither solution nor multipliers. It gives
+      curvature to variables that only equalities determine, such as a driving base's positions.
+    * A small proximal term in all variables if H is only semi-definite.
+
+    Whether the result solves the QP is decided by the residuals of the original QP.
 
     Attributes:
-        is_ready: Whether H is positive semi-definite; otherwise there is no solving.
-        is_infeasible: Whether the last attempt ended because no point satisfies the rows.
+        is_ready: Whether H is positive semi-definite and all data are finite; otherwise the QP
+            cannot be solved.
+        is_infeasible: Whether DAQP found the QP of the last attempt infeasible.
     """
 
     def __init__(self, qp: QP) -> None:
-        """Factorise the Hessian and transform the rows of a QP, as dense matrices."""
+        """Factorise the Hessian and transform the rows of a QP, as dense matrices.
+
+        Args:
+            qp: Quadratic program.
+        """
         H, A, C = qp.dense()
         self.qp, self._A = qp, A
         self.is_ready = self.is_infeasible = False
@@ -72,33 +81,38 @@ class ActiveSetMethod:
         for shift in (0.0, SHIFT * largest):
             proximal = self._proximal + shift
             try:
-                root = sla.cholesky(curvature + np.diag(proximal), lower=True, check_finite=False)
+                factor = sla.cholesky(curvature + np.diag(proximal), lower=True, check_finite=False)
             except np.linalg.LinAlgError:
                 continue
-            self.is_ready, self._proximal, self._root = True, proximal, root
+            self.is_ready, self._proximal, self._cholesky = True, proximal, factor
             self._rows = np.ascontiguousarray(self._from_left(np.vstack([C, A]).T).T)
             return
 
     def solve(self, x: Array, active: Mask, *, most_pivots: int) -> QPSolution | None:
-        """Solution, or None where the method gives up.
+        """Solution of the QP; None where the method fails.
 
         Args:
-            x: About where the solution is, shape (n,).
-            active: Inequalities that hold with equality at first, shape (m,).
-            most_pivots: Exchanges of active rows at most; large programs get fewer.
+            x: Guess of the solution, shape (n,).
+            active: Mask of the inequalities that are active initially, shape (m,).
+            most_pivots: Largest number of exchanges of active rows; fewer for large QPs.
         """
         return self.solve_with(self.qp.u, self.qp.b, x, active, most_pivots=most_pivots)
 
     def solve_with(
         self, u: Array, b: Array, x: Array, active: Mask, *, most_pivots: int
     ) -> QPSolution | None:
-        """Solution with other right-hand sides, or None; other arguments as in `solve`."""
+        """Solution with other right-hand sides; None where the method fails.
+
+        Args:
+            u, b: Right-hand sides of inequalities and equalities, shape (m,) and (p,).
+            x, active, most_pivots: Arguments of `solve`.
+        """
         if not (self.is_ready and np.isfinite(x.sum())):
             return None
         qp = QP(self.qp.H, self.qp.g, self.qp.A, b, self.qp.C, u)
         steepest, pivots = max(1.0, float(np.abs(qp.g).max(initial=0.0))), 0
         for _ in range(CENTRES):
-            found = self._about(qp, np.round(x, DIGITS), active, most_pivots)
+            found = self._solve_about(qp, np.round(x, DIGITS), active, most_pivots)
             if found is None:
                 return None
             pivots += found.iterations
@@ -107,11 +121,13 @@ class ActiveSetMethod:
                 return None
             if dual <= DUAL_TOLERANCE * steepest:
                 return replace(found, iterations=pivots)
-            x, active = found.x, found.z > 0.0  # the proximal term's centre was too far away
+            x, active = found.x, found.z > 0.0  # the proximal term acted: move its centre
         return None
 
-    def _about(self, qp: QP, centre: Array, active: Mask, most_pivots: int) -> QPSolution | None:
-        """Solution of the program with the proximal term about a centre, or None."""
+    def _solve_about(
+        self, qp: QP, centre: Array, active: Mask, most_pivots: int
+    ) -> QPSolution | None:
+        """Solution of the QP with the proximal term about a centre; None where DAQP fails."""
         u, b = qp.u, qp.b
         nearest = self._from_left(qp.g - self._A.T @ b - self._proximal * centre)
         if len(self._rows) == 0:
@@ -120,7 +136,7 @@ class ActiveSetMethod:
         lower = np.concatenate([np.full(len(u), -NO_BOUND), upper[len(u) :]])
         sense = np.full(len(upper), EQUALITY, dtype=np.int32)
         sense[: len(u)] = np.where(active, ACTIVE, 0)
-        # reducing equalities, which it does where they are many, loses their multipliers
+        # DAQP's reduction of equalities is off: it would lose their multipliers
         w, _, flag, info = daqp.solve(
             None,
             None,
@@ -143,11 +159,13 @@ class ActiveSetMethod:
         return QPSolution(found, y, z, True, int(info["iterations"]), "daqp")
 
     def _from_left(self, right: Array) -> Array:
-        """L^{-1} times a vector or matrix."""
-        return np.asarray(sla.solve_triangular(self._root, right, lower=True, check_finite=False))
+        """L^{-1} times a vector or a matrix."""
+        return np.asarray(
+            sla.solve_triangular(self._cholesky, right, lower=True, check_finite=False)
+        )
 
     def _from_right(self, w: Array) -> Array:
         """L^{-T} w."""
         return np.asarray(
-            sla.solve_triangular(self._root, w, lower=True, trans="T", check_finite=False)
+            sla.solve_triangular(self._cholesky, w, lower=True, trans="T", check_finite=False)
         )

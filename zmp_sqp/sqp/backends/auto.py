@@ -1,4 +1,4 @@
-"""The default: ProxSuite where it is about as fast as PIQP, PIQP elsewhere."""
+"""Default backend: ProxQP where it is about as fast as PIQP, PIQP elsewhere."""
 
 from __future__ import annotations
 
@@ -9,29 +9,29 @@ from zmp_sqp.sqp.qp import QP, QPSolution
 
 __all__ = ["Auto"]
 
-# Variables up to which ProxQP takes at most 1.5 times as long as PIQP, if it knows which rows are
-# active; without that knowledge it takes 2.5 times as long or more at every size (docs/notes.md).
+# number of variables up to which ProxQP takes at most 1.5 times as long as PIQP, given the active
+# rows; without them it takes at least 2.5 times as long at every size (docs/notes.md)
 CROSSOVER = 110
 
 
 class Auto:
-    """ProxQP for small programs whose active rows are known, PIQP for all others.
+    """ProxQP for small QPs with a guess of the active rows, PIQP for all others.
 
-    PIQP also takes what ProxQP does not solve, such as programs that are not convex.
+    PIQP also takes the QPs that ProxQP does not solve, such as non-convex ones.
     """
 
     name = "auto"
     needs_convex = False
 
     def __init__(self) -> None:
-        """Make a backend without a program."""
+        """Create the backend, with no QP yet."""
         self._piqp, self._proxqp = PIQP(), ProxQP()
         self._last: PIQP | ProxQP = self._piqp
 
     def solve(
         self, qp: QP, *, tolerance: float, iterations: int, warm: QPSolution | None = None
     ) -> QPSolution:
-        """Solution by the faster method; the solution tells which.
+        """Solution by the faster method, named in `backend` of the solution.
 
         Args:
             qp, tolerance, iterations, warm: Arguments of `QPBackend.solve`.
@@ -45,5 +45,5 @@ class Auto:
         return self._piqp.solve(qp, tolerance=tolerance, iterations=iterations)
 
     def solve_again(self, u: Array, b: Array) -> QPSolution:
-        """Solution of the last program with other right-hand sides, by whoever solved it."""
+        """Solution of the last QP with other right-hand sides, by the solver that solved it."""
         return self._last.solve_again(u, b)

@@ -1,4 +1,4 @@
-"""A backend that starts no QP after a deadline, so that a cascade of QPs ends with it."""
+"""QP backend with a deadline, after which it solves no further QP."""
 
 from __future__ import annotations
 
@@ -16,40 +16,44 @@ __all__ = ["Punctual", "TimeLimited"]
 
 @runtime_checkable
 class TimeLimited(Protocol):
-    """A backend whose solver may be able to stop in time."""
+    """Backend whose solver may accept a time limit."""
 
-    time_limit: float | None  # [s] of the next QP
+    time_limit: float | None  # [s] for the next QP; None for none
 
 
 class Punctual:
-    """Another backend until the deadline; from then on it has nothing to offer.
+    """Wrapper of a backend that reports QPs as not solved after a deadline.
 
-    ProxQP and PIQP cannot be told to stop: a QP that has begun is brought to its end. Solvers
-    behind qpsolvers that know a time limit are given what remains.
+    ProxQP and PIQP cannot be interrupted: a QP that has begun is finished. Solvers behind qpsolvers
+    that accept a time limit get the remaining time.
     """
 
     def __init__(self, backend: QPBackend, deadline: float) -> None:
         """Wrap a backend.
 
         Args:
-            backend: Solves QPs until the deadline.
-            deadline: A `time.perf_counter()` value [s].
+            backend: Solver of QPs until the deadline.
+            deadline: `time.perf_counter()` value after which no QP starts [s].
         """
         self._backend, self._deadline = backend, deadline
         self.name, self.needs_convex = backend.name, backend.needs_convex
-        self._size = 0  # variables of the last QP
+        self._size = 0  # number of variables of the last QP
 
     def solve(
         self, qp: QP, *, tolerance: float, iterations: int, warm: QPSolution | None = None
     ) -> QPSolution:
-        """Solution by the backend; nothing after the deadline."""
+        """Solution by the backend; not solved after the deadline.
+
+        Args:
+            qp, tolerance, iterations, warm: Arguments of `QPBackend.solve`.
+        """
         self._size = qp.size
         if not self._has_time():
             return QPSolution.nothing(qp, self.name)
         return self._backend.solve(qp, tolerance=tolerance, iterations=iterations, warm=warm)
 
     def solve_again(self, u: Array, b: Array) -> QPSolution:
-        """Solution by the backend of the last program with other right-hand sides."""
+        """Solution of the last QP with other right-hand sides; not solved after the deadline."""
         if not self._has_time():
             x, y, z = (np.full(count, np.nan) for count in (self._size, len(b), len(u)))
             return QPSolution(x, y, z, False, 0, self.name)

@@ -1,4 +1,4 @@
-"""PIQP, an interior-point method that makes use of the stages of a quadratic program."""
+"""PIQP, an interior-point method that exploits the multistage structure of a QP."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ __all__ = ["PIQP"]
 class PIQP:
     """Proximal interior point method of Schwan et al. 2023 with its multistage factorisation.
 
-    Its work grows linearly with the number of stages. Preconditioning is left out: with it the
-    proximal terms would act in another metric, and no longer make up for a Hessian that is slightly
-    indefinite. It starts cold every time, which makes its answers reproducible to the last bit.
+    Its work grows linearly with the number of stages. Preconditioning is off: with it the proximal
+    terms would act on scaled variables, and no longer compensate a slightly indefinite Hessian.
+    There is no warm start, so that results are reproducible to the last bit.
     """
 
     name = "piqp"
     needs_convex = False
 
     def __init__(self) -> None:
-        """Make a backend without a program."""
+        """Create the backend, with no QP yet."""
         self._solver: Any = None
         self._qp: QP | None = None
 
     def solve(
         self, qp: QP, *, tolerance: float, iterations: int, warm: QPSolution | None = None
     ) -> QPSolution:
-        """Solution, from cold: an interior-point method gains nothing from a nearby one.
+        """Solution without warm start: an interior-point method gains nothing from one.
 
         Args:
             qp, tolerance, iterations, warm: Arguments of `QPBackend.solve`.
@@ -53,7 +53,7 @@ class PIQP:
         return self._answer(solver.solve())
 
     def solve_again(self, u: Array, b: Array) -> QPSolution:
-        """Solution of the last program with other right-hand sides; its factorisation is kept."""
+        """Solution of the last QP with other right-hand sides; the solver is reused."""
         assert self._qp is not None
         if self._solver is None or not np.isfinite(u.sum() + b.sum()):
             return QPSolution.nothing(self._qp, self.name)

@@ -1,4 +1,4 @@
-"""Every solver that qpsolvers offers, on sparse QPs where it takes those."""
+"""Any solver of the package qpsolvers as a QP backend."""
 
 from __future__ import annotations
 
@@ -17,13 +17,14 @@ from zmp_sqp.sqp.qp import QP, QPSolution
 __all__ = ["QPSolvers"]
 
 SPARSE = frozenset(qpsolvers.sparse_solvers)
-# Tighter than their defaults, where a solver has such settings; others keep their own.
+# settings by solver, with tighter tolerances than the defaults; other solvers keep theirs
 SETTINGS: dict[str, dict[str, Any]] = {
     "clarabel": {"tol_gap_abs": 1e-10, "tol_gap_rel": 1e-10, "tol_feas": 1e-10},
     "piqp": {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_iter": 100},
     "osqp": {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_iter": 100_000},
     "scs": {"eps_abs": 1e-9, "eps_rel": 1e-9, "max_iters": 100_000},
-    # neither its inner cap nor its infeasibility test, which misfires, can be set from here
+    # neither the limit of inner iterations nor the tolerance of the infeasibility test, which calls
+    # feasible QPs infeasible, can be set through qpsolvers
     "proxqp": {
         "eps_abs": 1e-9,
         "eps_rel": 0.0,
@@ -32,7 +33,7 @@ SETTINGS: dict[str, dict[str, Any]] = {
         "eps_duality_gap_abs": 1e-7,
     },
 }
-# What those that can stop in time call the limit [s].
+# name of the setting for the time limit [s], by solver; other solvers have none
 TIME_LIMITS = {
     "clarabel": "time_limit",
     "highs": "time_limit",
@@ -42,15 +43,18 @@ TIME_LIMITS = {
 
 
 class QPSolvers:
-    """Any solver behind qpsolvers, from cold, to its tightest tolerances."""
+    """Solver of the package qpsolvers, without warm start, with tight tolerances."""
 
     needs_convex = True
 
     def __init__(self, solver: str) -> None:
         """Backend for one solver.
 
+        Args:
+            solver: Name of the solver in qpsolvers.
+
         Raises:
-            ProblemError: qpsolvers does not find it; the message lists what it finds.
+            ProblemError: The solver is not installed; the message lists those that are.
         """
         if solver not in qpsolvers.available_solvers:
             found = ", ".join(qpsolvers.available_solvers)
@@ -58,12 +62,12 @@ class QPSolvers:
         self.name = f"qpsolvers:{solver}"
         self._solver = solver
         self._qp: QP | None = None
-        self.time_limit: float | None = None  # [s] for solvers that know one
+        self.time_limit: float | None = None  # [s] for the next QP, see TIME_LIMITS
 
     def solve(
         self, qp: QP, *, tolerance: float, iterations: int, warm: QPSolution | None = None
     ) -> QPSolution:
-        """Solution; a solver's own exception counts as not solved.
+        """Solution of a QP; if the solver raises, the QP counts as not solved.
 
         Args:
             qp, tolerance, iterations, warm: Arguments of `QPBackend.solve`; only the first is used.
@@ -78,7 +82,7 @@ class QPSolvers:
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 answer = qpsolvers.solve_problem(self._problem(qp), self._solver, **settings)
-        except Exception:  # each backend has exceptions of its own; the caller falls back
+        except Exception:  # solvers raise various exceptions; the caller has a fallback
             return QPSolution.nothing(qp, self.name)
         if answer.x is None or answer.z is None or answer.y is None:
             return QPSolution.nothing(qp, self.name)
@@ -93,7 +97,7 @@ class QPSolvers:
         )
 
     def solve_again(self, u: Array, b: Array) -> QPSolution:
-        """Solution of the last program with other right-hand sides, from cold."""
+        """Solution of the last QP with other right-hand sides, without warm start."""
         assert self._qp is not None
         return self.solve(replace(self._qp, u=u, b=b), tolerance=0.0, iterations=0)
 

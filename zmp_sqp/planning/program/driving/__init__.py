@@ -1,1 +1,1 @@
-"""What a driving base adds to the nonlinear program."""
+"""Driving base in the nonlinear program: its dynamics, displacements and positions."""

@@ -1,4 +1,4 @@
-"""How far a base drives within the intervals of a grid, with derivatives."""
+"""Displacements of a driving base over the intervals of a grid, with derivatives."""
 
 from __future__ import annotations
 
@@ -11,26 +11,28 @@ from zmp_sqp.mechanics.ground import Terrain
 
 __all__ = ["HEADING", "Displacements", "runge_kutta"]
 
-# what an interval's displacement depends on: yaw at start, middle and end, then the rate of the
-# path length there
+# number of values that an interval's displacement depends on beside the position: yaw at start,
+# middle and end, then the rate of the path length there
 HEADING = 6
-# the classical rule, Hairer, Norsett & Wanner 1993, II.1
-WHOLE = (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0)
-# its continuous extension at the middle, II.6
-HALF = (5.0 / 24.0, 1.0 / 6.0, 1.0 / 6.0, -1.0 / 24.0)
-# (start, middle or end; share of the last stage's rate)
-STAGES = ((0, 0.0), (1, 0.5), (1, 0.5), (2, 1.0))
+# weights of the classical Runge-Kutta method, Hairer, Norsett & Wanner 1993, II.1
+RK_WEIGHTS = (1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0)
+# weights of its continuous extension at the middle of the step, ibid., II.6
+RK_MIDDLE = (5.0 / 24.0, 1.0 / 6.0, 1.0 / 6.0, -1.0 / 24.0)
+# for each stage of the method: index of its point (start, middle, end), and the share of the step
+# that the previous stage's velocity is followed for
+RK_STAGES = ((0, 0.0), (1, 0.5), (1, 0.5), (2, 1.0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Displacements:
-    """Displacements over N intervals.
+    """Displacements of a driving base over N intervals, with their Jacobians.
 
     Attributes:
-        whole: Until the ends, shape (N, 2) [m].
-        half: Until the middles, shape (N, 2) [m].
-        whole_jacobian: Of `whole` by (x, y) at the start and by `HEADING`, shape (N, 2, 8).
-        half_jacobian: Of `half`, shape (N, 2, 8).
+        whole: From start to end of each interval, shape (N, 2) [m].
+        half: From start to middle of each interval, shape (N, 2) [m].
+        whole_jacobian: Jacobian of `whole` by (x, y) at the start and the `HEADING` values, shape
+            (N, 2, 8).
+        half_jacobian: Jacobian of `half` by these variables, shape (N, 2, 8).
     """
 
     whole: Array
@@ -42,14 +44,17 @@ class Displacements:
 def runge_kutta(
     terrain: Terrain, positions: Array, yaw: Array, rate: Array, steps: Array
 ) -> Displacements:
-    r"""One step of p' = w G(p, yaw) per interval; where G does not depend on p, Simpson's rule.
+    r"""One classical Runge-Kutta step of p' = w G(p, yaw) per interval.
+
+    Where G does not depend on p, this is Simpson's rule.
 
     Args:
-        terrain: Gives G; beyond a map's rim it is that of the position on the rim, with no
-            derivative outwards.
+        terrain: Gives G, the velocity per rate of the path length. Positions outside a map are
+            moved to its rim; derivatives by such coordinates are zero.
         positions: At the starts of the intervals, shape (N, 2) [m].
-        yaw: At their starts, middles and ends, shape (3, N) [rad].
-        rate: w, derivative of the path length by normalised time there, shape (3, N) [m].
+        yaw: At starts, middles and ends, shape (3, N) [rad].
+        rate: w, derivative of the path length by normalised time, at starts, middles and ends,
+            shape (3, N) [m].
         steps: Lengths of the intervals, shape (N,).
     """
     if terrain.uniform:
@@ -60,7 +65,7 @@ def runge_kutta(
     velocity, jacobian = np.zeros((count, 2)), np.zeros((count, 2, 2 + HEADING))
     whole, half = np.zeros((2, count, 2))
     whole_jacobian, half_jacobian = np.zeros((2, count, 2, 2 + HEADING))
-    for (at, share), to_whole, to_half in zip(STAGES, WHOLE, HALF, strict=True):
+    for (at, share), to_whole, to_half in zip(RK_STAGES, RK_WEIGHTS, RK_MIDDLE, strict=True):
         position = positions + share * h * velocity
         inside = np.clip(position, low, high)
         pose = np.column_stack([inside, yaw[at]])
@@ -79,7 +84,7 @@ def runge_kutta(
 
 
 def _simpson(terrain: Terrain, yaw: Array, rate: Array, steps: Array) -> Displacements:
-    """The Runge-Kutta step where G does not depend on the position."""
+    """`runge_kutta` where G does not depend on the position: Simpson's rule."""
     count = yaw.shape[1]
     pose = np.zeros((3 * count, 3))
     pose[:, 2] = yaw.ravel()
@@ -89,7 +94,7 @@ def _simpson(terrain: Terrain, yaw: Array, rate: Array, steps: Array) -> Displac
     velocity = found.rates.reshape(3, count, 2)
     by_heading = found.jacobian[:, :, 2:4].reshape(3, count, 2, 2)  # by yaw and by rate
     parts = []
-    for weights in (WHOLE, HALF):
+    for weights in (RK_WEIGHTS, RK_MIDDLE):
         of_point = np.array([weights[0], weights[1] + weights[2], weights[3]])
         share = of_point[:, None] * steps  # (3, N)
         jacobian = np.zeros((count, 2, 2 + HEADING))

@@ -1,4 +1,4 @@
-"""What a stage of the transcription sees of a machine that drives."""
+"""Inverse dynamics of an arm on a driving base, in normalised time."""
 
 from __future__ import annotations
 
@@ -15,27 +15,28 @@ from zmp_sqp.mechanics.wrench import effort_derivatives, efforts
 
 __all__ = ["DrivingModel"]
 
-# of GroundMotion
-PLACE, YAW, RATES, PUSHES, SCALE = slice(0, 2), slice(2, 3), slice(3, 5), slice(5, 7), slice(7, 8)
+# columns of the Jacobians of GroundMotion: position, yaw, rates w, accelerations alpha, S
+POSITION, YAW, RATES, ALPHA, SCALE = slice(0, 2), slice(2, 3), slice(3, 5), slice(5, 7), slice(7, 8)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DrivingModel:
-    r"""Arm and unicycle base at places p on the ground.
+    r"""Inverse dynamics of an arm on a unicycle base at positions p on the ground.
 
     Coordinates are y = (joints, path length along the heading, yaw).
 
-    In normalised time s = t/T, with w = y', alpha = y'', S = T^2, twist and spatial acceleration of
-    the root are those of `Terrain.base_motion`; in a plane :math:`(w_\lambda, 0, 0, 0, 0, w_\psi)`
-    and
-    :math:`(\alpha_\lambda, 0, 0, 0, 0, \alpha_\psi)` (spatial, not classical: no speed times yaw
-    rate), with a gravity that turns with the yaw. The wrench times S is affine in (alpha, S) and
-    quadratic in w, as without a base.
+    In normalised time s = t / T, with w = y', alpha = y'' and S = T^2, twist and spatial
+    acceleration of the root come from `Terrain.base_motion`. In a plane they are :math:`(w_\lambda,
+    0, 0, 0, 0, w_\psi)` and :math:`(\alpha_\lambda, 0, 0, 0, 0, \alpha_\psi)`, and gravity turns
+    with the yaw in the root frame. The acceleration is spatial, not classical: it has no term speed
+    times yaw rate. The efforts times S are affine in (alpha, S) and quadratic in w, as those of
+    `ArmModel`.
 
     Attributes:
-        machine: The machine.
-        terrain: What it drives on.
-        joint_efforts: Whether the joints' efforts follow the ground reaction wrench.
+        machine: Machine with its payload.
+        terrain: Ground that the base drives on.
+        joint_efforts: Whether the efforts are the ground reaction wrench and the joint efforts
+            (R = 6 + number of joints), or the wrench alone (R = 6).
     """
 
     machine: Machine
@@ -47,7 +48,7 @@ class DrivingModel:
 
     @property
     def size(self) -> int:
-        """Number of coordinates: the joints and two."""
+        """Number n of coordinates: the joints, path length and yaw."""
         return self.machine.size + 2
 
     @property
@@ -58,12 +59,15 @@ class DrivingModel:
     def efforts(
         self, q: Array, w: Array, alpha: Array, S: float, positions: Array | None = None
     ) -> Array:
-        """S times the efforts, shape (K, R) [N s^2, N m s^2].
+        """S times the efforts (ground reaction wrench [, joint efforts]), shape (K, R).
+
+        Forces in N s^2, moments in N m s^2, about the root origin in root axes.
 
         Args:
             q, w, alpha: Coordinates and their derivatives by s, shape (K, n) each.
             S: Squared duration [s^2].
-            positions: Of the base, shape (K, 2) [m]; None where they do not matter, as on a plane.
+            positions: Positions of the base, shape (K, 2) [m]; None where the efforts do not depend
+                on them, as on a plane.
         """
         root = self._root(q, w, alpha, S, positions)
         return efforts(
@@ -79,7 +83,9 @@ class DrivingModel:
     def effort_derivatives(
         self, q: Array, w: Array, alpha: Array, S: float, positions: Array | None = None
     ) -> tuple[Array, Array]:
-        """Efforts, (K, R), and Jacobian by (q, w, alpha, S [, positions]), (K, R, 3n + 1 [+ 2]).
+        """S times the efforts, (K, R), and their Jacobian, (K, R, 3n + 1 [+ 2]).
+
+        The Jacobian is by (q, w, alpha, S [, positions]).
 
         Args:
             q, w, alpha, S, positions: Arguments of `efforts`.
@@ -103,26 +109,31 @@ class DrivingModel:
             found.wrt_velocity[:, :, 6:],
             by_root[:, :, RATES],
             found.wrt_acceleration[:, :, 6:],
-            by_root[:, :, PUSHES],
+            by_root[:, :, ALPHA],
             by_root[:, :, SCALE],
         ]
         if positions is not None:
-            parts.append(by_root[:, :, PLACE])
+            parts.append(by_root[:, :, POSITION])
         return found.effort, np.concatenate(parts, axis=2)
 
     def _root(
-        self, q: Array, w: Array, alpha: Array, S: float, places: Array | None
+        self, q: Array, w: Array, alpha: Array, S: float, positions: Array | None
     ) -> GroundMotion:
-        """Motion of the root; beyond the map's rim as on the rim, with no slope outwards."""
-        pose = np.column_stack([np.zeros((len(q), 2)) if places is None else places, q[:, -1]])
+        """Motion of the root link.
+
+        Positions outside the map are moved to its rim; derivatives by such coordinates are zero.
+        """
+        pose = np.column_stack(
+            [np.zeros((len(q), 2)) if positions is None else positions, q[:, -1]]
+        )
         low, high = self.terrain.extent
         inside = np.clip(pose[:, :2], low, high)
-        off = inside != pose[:, :2]
+        outside = inside != pose[:, :2]
         pose[:, :2] = inside
         root = self.terrain.base_motion(pose, w[:, -2:], alpha[:, -2:], S)
-        if off.any():
-            for slopes in (root.velocity_jacobian, root.acceleration_jacobian):
-                slopes[:, :, PLACE] *= ~off[:, None, :]
+        if outside.any():
+            for jacobian in (root.velocity_jacobian, root.acceleration_jacobian):
+                jacobian[:, :, POSITION] *= ~outside[:, None, :]
         return (
             root
             if self.machine.support is None

@@ -1,4 +1,4 @@
-"""Positions of a driving base as states of the staged program."""
+"""Positions of a driving base: states of the staged program, with gaps to close and bounds."""
 
 from __future__ import annotations
 
@@ -16,30 +16,31 @@ from zmp_sqp.planning.program.stages import STATE, Stages
 
 __all__ = ["Positions", "position_bounds"]
 
-BOUND_GUARD = 1e-7  # [m] kept inside x and y bounds at the nodes
-RIM_GUARD = 0.02  # [m] kept inside the map at the nodes, so that it is not left between them
-PASSES = 20  # of Newton's method over all nodes at once; a plane takes one
-SETTLED = 1e-14  # relative, of positions
-ARRIVED = 1e-12  # [m] from the goal: Newton's steps lead no nearer
-ARRIVALS = 8  # steps at most; a plane takes one
+BOUND_GUARD = 1e-7  # [m] by which x and y bounds are tightened, against rounding
+RIM_GUARD = 0.02  # [m] kept from the rim of the map at the nodes, so that it holds between them too
+PASSES = 20  # largest number of Newton steps that close the gaps; a plane takes one
+SETTLED = 1e-14  # relative change of the positions at which Newton's method ends: rounding
+ARRIVED = 1e-12  # [m] distance from the target at which the correction of the path ends: rounding
+ARRIVALS = 8  # largest number of Gauss-Newton steps towards the target; a plane takes one
 # [m per m] smallest reach sideways worth correcting: below it the correction would change the
 # accelerations more than it gains
 SIDEWAYS = 1e-3
-SIMPSON = np.array([[1.0], [4.0], [1.0]]) / 6.0  # at start, middle and end of an interval
+# weights of Simpson's rule at start, middle and end of an interval
+SIMPSON = np.array([[1.0], [4.0], [1.0]]) / 6.0
 
 
 @dataclass(frozen=True, eq=False)
 class Positions:
-    r"""Positions p = (x, y) of a unicycle whose path length and yaw are the last two coordinates.
+    r"""Position p = (x, y) of a unicycle base: one Runge-Kutta step per interval.
 
     .. math:: p_{k+1} = p_k + \Delta(p_k, \psi, w_\lambda), \quad p_0 = start, \; p_N = goal
 
-    with one Runge-Kutta step of p' = w_lambda G(p, psi) per interval. The path length is free at
-    the goal; the position is not.
+    where \Delta is one Runge-Kutta step of p' = w_lambda G(p, psi). Path length lambda and yaw psi
+    are the last two coordinates. At the goal the position is given, the path length is not.
 
     Attributes:
-        base: Start and goal.
-        terrain: What the base drives on.
+        base: Start, goal and bounds of the base.
+        terrain: Ground that the base drives on.
     """
 
     base: UnicycleBase
@@ -47,7 +48,7 @@ class Positions:
 
     @property
     def goal(self) -> Array:
-        """Where the base shall end, shape (2,) [m]."""
+        """Position of the base at the goal, shape (2,) [m]."""
         return np.asarray(self.base.goal[:2])
 
     def heading(self, grid: Grid, q: Array, w: Array, controls: Array) -> tuple[Array, Array]:
@@ -57,9 +58,9 @@ class Positions:
         return yaw, np.stack([w[:-1, -2], middle_w[:, -2], w[1:, -2]])
 
     def path(self, grid: Grid, q: Array, w: Array, controls: Array) -> tuple[Array, Displacements]:
-        """Positions of the nodes, shape (N + 1, 2), and the displacements between them.
+        """Base positions at the nodes, shape (N + 1, 2), and the displacements between them.
 
-        Over terrain by Newton's method on all gaps at once.
+        All gaps are closed at once by Newton's method; on a plane one step is exact.
         """
         yaw, rate = self.heading(grid, q, w, controls)
         p = np.repeat(self.base.start[None, :2], grid.size + 1, axis=0)
@@ -75,32 +76,34 @@ class Positions:
         return np.asarray(p), moves
 
     def positions(self, grid: Grid, q: Array, w: Array, controls: Array) -> Array:
-        """Positions of the nodes, shape (N + 1, 2)."""
+        """Base positions at the nodes, shape (N + 1, 2) [m]."""
         return self.path(grid, q, w, controls)[0]
 
     def displacements(
         self, grid: Grid, p: Array, q: Array, w: Array, controls: Array
     ) -> Displacements:
-        """Displacements within the intervals, from positions p at the nodes."""
+        """Displacements over the intervals from given base positions p at the nodes (N + 1, 2)."""
         return runge_kutta(self.terrain, p[:-1], *self.heading(grid, q, w, controls), grid.steps)
 
     def end_derivatives(self, stages: Stages, moves: Displacements) -> Array:
-        """Position at each interval's end by its mapped stage's variables, shape (N, 2, m)."""
+        """Jacobian of the position at each interval's end by mapped stage variables, (N, 2, m)."""
         return self._derivatives(stages, moves.whole_jacobian)
 
-    def add_place_derivatives(
-        self, stages: Stages, moves: Displacements, by_place: Array, parts: tuple[Array, ...]
+    def add_position_derivatives(
+        self, stages: Stages, moves: Displacements, by_position: Array, parts: tuple[Array, ...]
     ) -> None:
-        """Add to rows' derivatives by mapped stages what they owe to the positions, in place.
+        """Add to derivatives of rows the part that acts through the base positions, in place.
 
         Args:
             stages: Variables and maps.
-            moves: Displacements.
-            by_place: Derivatives of the rows at starts, ends and middles, shape (3N, E, 2).
-            parts: Derivatives by mapped stages at start, end and middle, (N, E, m) each.
+            moves: Displacements over the intervals.
+            by_position: Derivatives of the rows by the base position at starts, ends and middles,
+                shape (3N, E, 2).
+            parts: Derivatives by mapped stage variables of the rows at start, end and middle, to
+                which the part is added, shape (N, E, m) each.
         """
         N = len(moves.whole)
-        start, end, middle = (by_place[i * N : (i + 1) * N] for i in range(3))
+        start, end, middle = (by_position[i * N : (i + 1) * N] for i in range(3))
         parts[0][:, :, stages.places] += STATE * start
         parts[1][:] += end @ self.end_derivatives(stages, moves)
         parts[2][:] += middle @ self._derivatives(stages, moves.half_jacobian)
@@ -108,7 +111,16 @@ class Positions:
     def with_positions(
         self, stages: Stages, moves: Displacements, maps: tuple[Array, Array, Array]
     ) -> tuple[Array, Array, Array]:
-        """Maps to states at start, end and middle with those to positions, (N, 3n + 3, m) each."""
+        """Maps from mapped stage variables to states, extended by rows for the base position.
+
+        Args:
+            stages: Variables and maps.
+            moves: Displacements over the intervals.
+            maps: Maps to (q, w, alpha, S) at start, end and middle, (N or 1, 3n + 1, m) each.
+
+        Returns:
+            Maps to (q, w, alpha, S, positions) at start, end and middle, (N, 3n + 3, m) each.
+        """
         N = len(moves.whole)
         at_start = np.zeros((N, 2, stages.m))
         at_start[:, :, stages.places] = STATE * np.eye(2)
@@ -130,17 +142,17 @@ class Positions:
     def curvature(
         self, stages: Stages, p: Array, q: Array, w: Array, controls: Array, weights: Array
     ) -> Array:
-        r"""Second derivatives of weights . displacements by scaled stage variables, (N, m, m).
+        r"""Hessian of weights . displacements by the stage variables (x_k, u_k, sigma), (N, m, m).
 
-        With G the velocity per path length, which turns with the yaw like a vector, they are
-        Simpson's rule on
+        G, the velocity per rate of the path length, turns with the yaw like a vector. With weights
+        mu the Hessian is Simpson's rule applied to
 
         .. math:: \partial^2 (w\, \mu \cdot G) = \begin{pmatrix} -w\, \mu \cdot G &
                   \mu \cdot G_\psi \\ \mu \cdot G_\psi & 0 \end{pmatrix} \quad
                   \text{by } (\psi, w)
 
-        What the ground's own curvature adds is left out: on ground with radii above 44 m that costs
-        no iterations.
+        Terms due to the curvature of the ground are left out: on ground with radii of curvature
+        above 44 m the SQP takes no more iterations without them.
         """
         grid, N = stages.grid, stages.grid.size
         yaw, rate = self.heading(grid, q, w, controls)
@@ -161,30 +173,30 @@ class Positions:
         return np.asarray(to_heading.transpose(0, 2, 1) @ of_heading @ to_heading)
 
     def arrived(self, grid: Grid, start: Array, w: Array, controls: Array, aim: Array) -> Array:
-        """Controls whose path ends at a position, by the least change of the path's accelerations.
+        """Controls whose Runge-Kutta path ends at a given position, shape (N, 2, n).
 
-        In a plane the position is linear in them. Sideways of a constant heading what is missed
-        stays.
+        The path accelerations are changed by the smallest amount (Gauss-Newton, least norm); on a
+        plane the position is linear in them. A miss sideways of a constant heading stays.
 
         Args:
             grid: Of normalised time.
             start, w: Coordinates and rates at the first node, shape (n,) each.
-            controls: Shape (N, 2, n).
-            aim: Where the path shall end, shape (2,) [m].
+            controls: Accelerations at the intervals' ends, shape (N, 2, n).
+            aim: Position at which the path shall end, shape (2,) [m].
         """
-        found, before = controls.copy(), np.inf
+        found, previous = controls.copy(), np.inf
         by_controls = grid.rates_by_controls
         for _ in range(ARRIVALS):
             q, rates = grid.rolled(start, w, found)
             p, moves = self.path(grid, q, rates, found)
             miss = aim - p[-1]
-            far = float(np.abs(miss).max())
-            if far <= ARRIVED or far > 0.5 * before:  # what is left lies sideways
+            distance = float(np.abs(miss).max())
+            if distance <= ARRIVED or distance > 0.5 * previous:  # what is left is sideways
                 break
-            before = far
-            pushed = np.einsum("kas,skc->kac", moves.whole_jacobian[:, :, 5:], by_controls)
-            reach = propagated(moves, pushed)[-1]
-            wanted = np.append(miss, 0.0)  # the rate at the goal stays
+            previous = distance
+            by_acceleration = np.einsum("kas,skc->kac", moves.whole_jacobian[:, :, 5:], by_controls)
+            reach = propagated(moves, by_acceleration)[-1]
+            wanted = np.append(miss, 0.0)  # no change of the rate at the goal
             system = np.vstack([reach, grid.sums[1]])
             change = np.linalg.lstsq(system, wanted, rcond=SIDEWAYS)[0]
             found[:, :, -2] += change.reshape(grid.size, -1)
@@ -192,7 +204,15 @@ class Positions:
 
 
 def propagated(moves: Displacements, added: Array) -> Array:
-    """What changes (N, 2, ...) of the displacements make of the nodes, shape (N + 1, 2, ...)."""
+    """Change of the nodes' positions by changes of the displacements, to first order.
+
+    Args:
+        moves: Displacements over the intervals, with their Jacobians.
+        added: Change of each displacement, shape (N, 2, ...).
+
+    Returns:
+        Shape (N + 1, 2, ...); zero at the first node.
+    """
     by_position = moves.whole_jacobian[:, :, :2]
     first = np.zeros_like(added[:1])
     if not by_position.any():  # a plane
@@ -206,13 +226,15 @@ def propagated(moves: Displacements, added: Array) -> Array:
 def position_bounds(
     base: UnicycleBase, terrain: Terrain, *, reach: float, drawn_in: float
 ) -> tuple[PositionBound, ...]:
-    """Bounds on a base's position at the nodes: its own, and the rim of the map.
+    """Bounds on a base's position at the nodes: its x and y bounds, and the rim of the map.
 
     Args:
-        base: Start and goal, between which the bounds hold in any case, and bounds on x and y.
-        terrain: Its extent bounds the positions, too.
-        reach: Of the tracks from the base's position: it stays so far inside a map [m].
-        drawn_in: By how much nodes stay inside x and y bounds, so that these hold between them [m].
+        base: Bounds on x and y; start and goal, which are inside the resulting bounds in any case.
+        terrain: Ground whose extent bounds the positions, too.
+        base: Bounds on x and y; start and goal, which are always inside the resulting bounds.
+            inside the map [m].
+        drawn_in: Amount by which x and y bounds are tightened at the nodes, so that they hold
+            between them [m].
     """
     lower, upper = base.position_bounds
     low, high = terrain.extent
