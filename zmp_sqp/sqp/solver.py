@@ -283,11 +283,11 @@ class SQP:
     def _is_stationary(
         self, program: NonlinearProgram, iterate: Iterate, direction: Direction
     ) -> bool:
-        feasible = iterate.is_feasible(program.tolerance, self.settings.equality)
-        return (
-            feasible
-            and self._predicted_decrease(program, iterate, direction) <= self.settings.optimality
-        )
+        if not iterate.is_feasible(program.tolerance, self.settings.equality):
+            return False
+        decrease = self._predicted_decrease(program, iterate, direction)
+        # a large increase says nothing: the step misses rows outside of the QP
+        return -ALLOWED_INCREASE <= decrease <= self.settings.optimality
 
     # --- the step ---------------------------------------------------------------------------
 
