@@ -199,7 +199,7 @@ def test_the_guaranteed_margin_is_below_every_sample_and_close_to_the_least(
 
 
 def look_at_whole_intervals(monkeypatch: pytest.MonkeyPatch, *, degree: int) -> None:
-    """Let certificates take each interval as one polynomial, with its bound as loose as it is."""
+    """Let certificates take each interval as one polynomial, and leave its bound loose."""
     for module, constant, value in (
         (effort_curves, "DEGREES", (degree,)),
         (effort_curves, "TOLERANCE", np.inf),

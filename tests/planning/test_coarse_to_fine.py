@@ -15,6 +15,7 @@ from zmp_sqp.planning.program.grid import ENDS, Grid
 from zmp_sqp.planning.program.staged import POINTS
 from zmp_sqp.planning.search import explore as explore_module
 from zmp_sqp.planning.search.explore import explore, transferred
+from zmp_sqp.planning.search.keep_bound import at_the_bound
 from zmp_sqp.planning.search.run import Candidate, Runs
 from zmp_sqp.planning.search.task import Task, task_of
 from zmp_sqp.sqp.backends import make_backend
@@ -24,6 +25,7 @@ from zmp_sqp.sqp.result import SQPResult, SQPStatus
 from zmp_sqp.sqp.solver import SQP, SQPSettings
 
 ACTIVE = [4, 5, 25, 35, 211, 219, 238, 1000, 1029]  # seeds of hard problems: the ZMP costs time
+AT_THE_BOUND = [8, 203, 1012, 1016, 1022]  # of those that can be as fast as the joints allow
 SAME = 5e-5  # relative, of durations: the change at which a run ends
 LEFT = 2e-4  # relative: what a run that creeps leaves, at most, on these problems
 SETTLED = 1e-7  # relative change at which a run ends that is to be compared
@@ -181,6 +183,27 @@ def test_a_screened_program_has_the_minimum_of_the_whole_one(
         assert value(screened.step) == pytest.approx(value(whole.x), abs=10.0 * NEGLIGIBLE)
         compared += 1
     assert compared > 0
+
+
+@pytest.mark.parametrize("seed", AT_THE_BOUND)
+def test_a_motion_at_the_bound_keeps_rows_that_took_part_in_no_program(seed: int) -> None:
+    """On dense samples between the points at which rows are imposed, too."""
+    task = task_of(random_problem(seed, HARD).problem)
+    runs = Runs.start("auto", None, None)
+    found = at_the_bound(task, runs)
+    assert found is not None
+    (record,) = runs.history
+    program = found.program
+    assert record.rows < 0.25 * program.inequalities
+    q, w, controls, S = program.unpack(found.motion)
+    worst = np.full(program.rows.count, -np.inf)
+    for s in np.linspace(0.0, 1.0, 21):
+        states = program.grid.within(s, q[:-1], w[:-1], controls)
+        worst = np.maximum(worst, program.rows.evaluate(*states, S).max(axis=0))
+    assert (worst <= program.rows.tolerance).all()
+    limits = slice(program.nonlinear, None)
+    at = program.evaluate(found.motion)
+    assert (at.inequalities[limits] <= program.tolerance[limits]).all()
 
 
 def whole_program(lin: Any, H: Any) -> QP:

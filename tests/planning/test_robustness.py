@@ -20,8 +20,7 @@ GOAL = START + np.array([np.pi, 0.0, 0.0, 0.0, 0.0])
 LEFT = zs.Slope(roll=np.radians(-20.0))
 SAME = 1e-9
 STEEP, FRACTION = 28.0, 0.6  # so that it costs time
-# 18 intervals: the slew's switching times fall on the grid, so that no kind of control is faster
-# than another
+# 18 intervals: the slew's switching times fall on the grid, so that the bound can be reached on it
 
 
 @cache

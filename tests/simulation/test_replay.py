@@ -21,6 +21,7 @@ pytestmark = pytest.mark.physics
 # [m] median distance of the two ZMPs: at jumps of the acceleration the contacts lag by a step
 IN_MOTION = 1e-3
 STANDS = 5e-5  # [m] lift of a machine that stands, fifty times what the rigid contacts yield
+RESOLVED = 7e-4  # [m] by which the ZMP of contact forces differs from ours, a time step late
 # relative: the closed form neither turns gravity nor moves the slider while the machine rocks
 ROCKING = 0.05
 
@@ -137,7 +138,8 @@ def test_margin_and_physics_agree_but_for_short_excursions(recipe: Recipe, seed:
     assert [row["motion"] for row in rows] == ["planned", "phase plane", "slowed"]
     for row in rows:
         assert row["verdict"] != "unexplained", row
-        assert row["margin"] < 0.0 or row["lift"] < STANDS, row
+        assert row["margin"] < RESOLVED or row["lift"] < STANDS, row
+        assert row["margin"] < 0.0 or row["lift"] < 0.1 * LIFTED, row
 
 
 # --- what is refused ----------------------------------------------------------------------------

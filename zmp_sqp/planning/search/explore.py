@@ -17,9 +17,12 @@ from zmp_sqp.sqp.solver import SQPSettings
 
 __all__ = ["RESUMED", "explore", "on_finer_grid", "transferred"]
 
-# initial guesses, tried in turn until one succeeds: duration per lower bound, and whether it is a
-# cubic. From the first one, 48 of 52 hard problems end within 0.05 % of the best of all guesses.
-GUESSES = ((1.1, False), (1.5, True), (2.5, False))
+# initial guesses, tried in turn: duration per lower bound, and whether it is a cubic. The first one
+# nearly always succeeds: from a cubic at this duration the SQP finds better minima, in fewer
+# iterations, than from a bang-bang motion. The others follow if it fails; with `intervals="auto"`
+# the second one also if the first ends far above the bound.
+GUESSES = ((1.15, True), (1.5, True), (2.5, False))
+FAR_ABOVE = 1.1  # duration per lower bound that counts as far above it
 LEAST_COARSE = 4  # fewest intervals of a coarse grid
 # the run on the coarse grid only prepares that on the fine one, and ends early
 COARSE = SQPSettings(converged=1e-3, coarse=1e-2, excess_from=0.0)
@@ -39,6 +42,9 @@ def explore(task: Task, runs: Runs) -> Candidate:
     for pace, smooth in GUESSES:
         tried.append(_coarse_to_fine(task, runs, pace, smooth=smooth))
         last = tried[-1].result.status
+        far = tried[-1].duration > FAR_ABOVE * task.lower_bound
+        if last in ENOUGH and task.problem.refines and far and len(tried) == 1:
+            continue
         if last in ENOUGH or last is SQPStatus.INFEASIBLE or runs.is_late:
             break
     best = min(tried, key=_rank)
@@ -46,9 +52,10 @@ def explore(task: Task, runs: Runs) -> Candidate:
 
 
 def _rank(candidate: Candidate) -> tuple[bool, float]:
-    """Sort key: feasible candidates first, then by violation divided by sigma, as rows scale."""
-    at = candidate.result.at
-    return not candidate.is_feasible, at.violation / max(at.objective, 1e-9)
+    """Sort key: feasible candidates first, by duration; others by violation over sigma."""
+    at, feasible = candidate.result.at, candidate.is_feasible
+    scaled = at.violation / max(at.objective, 1e-9)
+    return not feasible, candidate.duration if feasible else scaled
 
 
 def _coarse_to_fine(task: Task, runs: Runs, pace: float, *, smooth: bool) -> Candidate:

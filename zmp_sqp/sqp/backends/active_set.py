@@ -27,7 +27,7 @@ PROXIMAL = 1e-4
 # curvature added to all variables where H is only semi-definite, relative to the largest diagonal
 # entry of H, which counts as at least the second value
 SHIFT, LEAST_CURVATURE = 1e-10, 1e-8
-LARGEST_WORK = 1e9  # matrix entries that all pivots may touch: about a second
+LARGEST_WORK = 4e9  # matrix entries that all pivots may touch: some seconds
 # residuals up to which an answer counts as a solution; the dual one per unit of the gradient
 PRIMAL_TOLERANCE, DUAL_TOLERANCE = 1e-7, 1e-5
 NO_BOUND = 1e30  # infinity of DAQP

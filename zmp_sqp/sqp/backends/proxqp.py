@@ -11,6 +11,7 @@ import scipy.sparse as sp
 
 from zmp_sqp.arrays import Array, Indices
 from zmp_sqp.sqp.backends.active_set import ActiveSetMethod
+from zmp_sqp.sqp.backends.piqp import PIQP
 from zmp_sqp.sqp.qp import QP, QPSolution
 
 __all__ = ["ProxQP"]
@@ -31,6 +32,9 @@ MAX_ITER_IN = 60  # inner iterations; without a limit, one QP ran for 290 s
 NO_BOUND = 1e20  # infinity of ProxQP
 PIVOTS_WARM = 300  # of the active-set method, from the active rows of a warm start
 PIVOTS = 2000  # of the active-set method, from the active rows that ProxQP has found
+# number of variables beyond which PIQP solves a QP: with 2000, one call of the active-set method may
+# take two minutes, and no time budget can stop it
+LARGEST = 1200
 
 
 class ProxQP:
@@ -39,7 +43,8 @@ class ProxQP:
     ProxQP identifies the active rows at a low accuracy; from them DAQP's active-set method computes
     an exact solution that is reproducible bit by bit (`ActiveSetMethod`). With a warm start, whose
     multipliers tell the active rows, the active-set method is tried first. Where it fails, ProxQP
-    solves the QP to a higher accuracy.
+    solves the QP to a higher accuracy. QPs of more than 1200 variables (120 intervals of five
+    joints) are left to PIQP.
 
     Tolerances and limits of iterations differ from ProxQP's defaults. Its preconditioner is off,
     because QPs are scaled already.
@@ -52,6 +57,7 @@ class ProxQP:
         """Create the backend, with no QP yet."""
         self._active_set: ActiveSetMethod | None = None
         self._last: QPSolution | None = None
+        self._replacement: PIQP | None = None
 
     def solve(
         self, qp: QP, *, tolerance: float, iterations: int, warm: QPSolution | None = None
@@ -61,7 +67,10 @@ class ProxQP:
         Args:
             qp, tolerance, iterations, warm: Arguments of `QPBackend.solve`.
         """
-        self._last = None
+        self._last = self._replacement = None
+        if qp.size > LARGEST:
+            self._replacement = PIQP()
+            return self._replacement.solve(qp, tolerance=tolerance, iterations=iterations)
         self._active_set = active_set = ActiveSetMethod(qp)
         if not active_set.is_ready:
             return QPSolution.nothing(qp, self.name)
@@ -70,6 +79,8 @@ class ProxQP:
 
     def solve_again(self, u: Array, b: Array) -> QPSolution:
         """Solution of the last QP with other right-hand sides, from its active rows."""
+        if self._replacement is not None:
+            return self._replacement.solve_again(u, b)
         active_set, last = self._active_set, self._last
         assert active_set is not None
         qp = replace(active_set.qp, u=u, b=b)
