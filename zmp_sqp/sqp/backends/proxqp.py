@@ -32,7 +32,7 @@ MAX_ITER_IN = 60  # inner iterations; without a limit, one QP ran for 290 s
 NO_BOUND = 1e20  # infinity of ProxQP
 PIVOTS_WARM = 300  # of the active-set method, from the active rows of a warm start
 PIVOTS = 2000  # of the active-set method, from the active rows that ProxQP has found
-# number of variables beyond which PIQP solves a QP: with 2000, one call of the active-set method may
+# number of variables above which PIQP solves QPs: with 2000, a call of the active-set method may
 # take two minutes, and no time budget can stop it
 LARGEST = 1200
 
