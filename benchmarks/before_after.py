@@ -336,10 +336,11 @@ def missed(found: Mapping[str, Any]) -> list[str]:
 def checkout(commit: str, folder: Path) -> Path:
     """Folder with the package of a commit, and nothing else that could be imported."""
     tree, package = folder / "tree", folder / "package"
-    archive = subprocess.run(["git", "archive", commit, "zmp_sqp", "urdf"], cwd=ROOT, check=True,
-                             stdout=subprocess.PIPE).stdout  # fmt: skip
+    packed = subprocess.run(
+        ["git", "archive", commit, "zmp_sqp", "urdf"], cwd=ROOT, check=True, stdout=subprocess.PIPE
+    )
     tree.mkdir()
-    subprocess.run(["tar", "-x", "-C", str(tree)], input=archive, check=True)
+    subprocess.run(["tar", "-x", "-C", str(tree)], input=packed.stdout, check=True)
     package.mkdir()
     for name in ("zmp_sqp", "urdf"):
         (package / name).symlink_to(tree / name)

@@ -263,7 +263,7 @@ def ladder_sheet(rungs: Iterable[Mapping[str, Any]]) -> Sheet:
         REASON,
     )
     return Sheet(
-        "the ladder: half a turn on 20 degrees of roll, payload and reach raised, QPs by PIQP",
+        "the ladder: half a turn on 20 degrees of roll, payload and reach raised",
         columns,
         rows,
     )

@@ -17,12 +17,12 @@ from zmp_sqp.sqp.solver import SQPSettings
 
 __all__ = ["RESUMED", "explore", "on_finer_grid", "transferred"]
 
-# initial guesses, tried in turn: duration per lower bound, and whether it is a cubic. The first one
-# nearly always succeeds: from a cubic at this duration the SQP finds better minima, in fewer
-# iterations, than from a bang-bang motion. The others follow if it fails; with `intervals="auto"`
-# the second one also if the first ends far above the bound.
+# initial guesses, tried in turn until one succeeds: duration per lower bound, and whether it is a
+# cubic. A cubic at 1.15 ends in better local minima than a bang-coast-bang motion, in as many
+# iterations. The second one is tried, too, with `intervals="auto"` where the first one ends far
+# above the lower bound.
 GUESSES = ((1.15, True), (1.5, True), (2.5, False))
-FAR_ABOVE = 1.1  # duration per lower bound that counts as far above it
+FAR_ABOVE = 1.1  # duration per lower bound
 LEAST_COARSE = 4  # fewest intervals of a coarse grid
 # the run on the coarse grid only prepares that on the fine one, and ends early
 COARSE = SQPSettings(converged=1e-3, coarse=1e-2, excess_from=0.0)
@@ -52,7 +52,7 @@ def explore(task: Task, runs: Runs) -> Candidate:
 
 
 def _rank(candidate: Candidate) -> tuple[bool, float]:
-    """Sort key: feasible candidates first, by duration; others by violation over sigma."""
+    """Sort key: feasible candidates by duration, then others by violation over sigma."""
     at, feasible = candidate.result.at, candidate.is_feasible
     scaled = at.violation / max(at.objective, 1e-9)
     return not feasible, candidate.duration if feasible else scaled

@@ -47,8 +47,8 @@ def plan(
 
     Args:
         problem: Problem to plan.
-        qp_solver: "auto" (ProxQP or PIQP, by the size of the QP), "proxqp" (which leaves QPs of
-            more than 1200 variables to PIQP), "piqp", or "qpsolvers:NAME".
+        qp_solver: "auto" (ProxQP or PIQP, by size of the QP), "proxqp" (which leaves QPs of more
+            than 1200 variables to PIQP), "piqp", or "qpsolvers:NAME".
         time_budget: Wall time after which no new QP starts [s]; a QP that has begun is finished.
             None for no limit.
         progress: Called after every SQP iteration with its record.

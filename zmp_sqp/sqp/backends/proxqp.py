@@ -32,8 +32,8 @@ MAX_ITER_IN = 60  # inner iterations; without a limit, one QP ran for 290 s
 NO_BOUND = 1e20  # infinity of ProxQP
 PIVOTS_WARM = 300  # of the active-set method, from the active rows of a warm start
 PIVOTS = 2000  # of the active-set method, from the active rows that ProxQP has found
-# number of variables above which PIQP solves QPs: with 2000, a call of the active-set method may
-# take two minutes, and no time budget can stop it
+# most variables: of 2000, one call of the active-set method may take two minutes, in which no time
+# budget can stop it; PIQP solves larger QPs
 LARGEST = 1200
 
 
@@ -48,6 +48,8 @@ class ProxQP:
 
     Tolerances and limits of iterations differ from ProxQP's defaults. Its preconditioner is off,
     because QPs are scaled already.
+
+    QPs of more than 1200 variables (120 intervals of five joints) are left to PIQP.
     """
 
     name = "proxqp"
@@ -67,10 +69,10 @@ class ProxQP:
         Args:
             qp, tolerance, iterations, warm: Arguments of `QPBackend.solve`.
         """
-        self._last = self._replacement = None
+        self._last = self._instead = None
         if qp.size > LARGEST:
-            self._replacement = PIQP()
-            return self._replacement.solve(qp, tolerance=tolerance, iterations=iterations)
+            self._instead = PIQP()
+            return self._instead.solve(qp, tolerance=tolerance, iterations=iterations)
         self._active_set = active_set = ActiveSetMethod(qp)
         if not active_set.is_ready:
             return QPSolution.nothing(qp, self.name)
@@ -79,8 +81,8 @@ class ProxQP:
 
     def solve_again(self, u: Array, b: Array) -> QPSolution:
         """Solution of the last QP with other right-hand sides, from its active rows."""
-        if self._replacement is not None:
-            return self._replacement.solve_again(u, b)
+        if self._instead is not None:
+            return self._instead.solve_again(u, b)
         active_set, last = self._active_set, self._last
         assert active_set is not None
         qp = replace(active_set.qp, u=u, b=b)
