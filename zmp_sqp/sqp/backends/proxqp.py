@@ -59,7 +59,7 @@ class ProxQP:
         """Create the backend, with no QP yet."""
         self._active_set: ActiveSetMethod | None = None
         self._last: QPSolution | None = None
-        self._replacement: PIQP | None = None
+        self._instead: PIQP | None = None
 
     def solve(
         self, qp: QP, *, tolerance: float, iterations: int, warm: QPSolution | None = None
