@@ -43,8 +43,7 @@ class ProxQP:
     ProxQP identifies the active rows at a low accuracy; from them DAQP's active-set method computes
     an exact solution that is reproducible bit by bit (`ActiveSetMethod`). With a warm start, whose
     multipliers tell the active rows, the active-set method is tried first. Where it fails, ProxQP
-    solves the QP to a higher accuracy. QPs of more than 1200 variables (120 intervals of five
-    joints) are left to PIQP.
+    solves the QP to a higher accuracy.
 
     Tolerances and limits of iterations differ from ProxQP's defaults. Its preconditioner is off,
     because QPs are scaled already.
