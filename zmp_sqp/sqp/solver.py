@@ -1,4 +1,4 @@
-"""Sequential quadratic programming with exact Hessians, line search and feasibility relaxation."""
+"""Sequential quadratic programming with exact Hessians, a line search and relaxation."""
 
 from __future__ import annotations
 
