@@ -99,6 +99,7 @@ def test_the_table_fits_a_pipe_and_names_what_matters(capsys: pytest.CaptureFixt
     for joint in load_scenario("paper_1").problem.machine.joint_names:
         assert joint in printed
     assert "violation" in printed  # the history of --verbose
+    assert "bound reached" in printed  # the runs of the search
     tables = [line for line in printed.splitlines() if not line.startswith("paper_1:")]
     assert "\x1b" not in printed
     assert max(len(line) for line in tables[:-1]) <= 80

@@ -63,7 +63,7 @@ def test_every_run_of_the_search_is_told_of() -> None:
     probe, coarse, fine = plan.runs
     assert (probe.intervals, coarse.intervals, fine.intervals) == (25, 25, 50)
     assert probe.status == "refused"
-    assert "times the bound" in coarse.purpose
+    assert coarse.purpose == "cubic, 1.15 x bound"
     assert fine.backend
     assert fine.status == "optimal"
     assert fine.duration == pytest.approx(plan.duration, rel=1e-6)

@@ -29,7 +29,7 @@ from zmp_sqp.scenario.path_constraints import kinds_in_words
 from zmp_sqp.show.guarantees import guarantee_table
 from zmp_sqp.show.joint_plots import joint_unit, plot_joints
 from zmp_sqp.show.results import RESULT_KEYS, make_result
-from zmp_sqp.show.tables import history_table, joint_table, summary_table
+from zmp_sqp.show.tables import history_table, joint_table, runs_table, summary_table
 from zmp_sqp.show.zmp_plots import plot_zmp
 
 if TYPE_CHECKING:
@@ -131,7 +131,11 @@ def _add_output_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--no-figures", dest="figures", action="store_false", help="write no figures"
     )
-    command.add_argument("--verbose", action="store_true", help="print every SQP iteration")
+    command.add_argument(
+        "--verbose",
+        action="store_true",
+        help="print every run of the search and every SQP iteration",
+    )
 
 
 def _intervals(text: str) -> int | str:
@@ -155,6 +159,7 @@ def run_plan(arguments: argparse.Namespace) -> int:
     console = make_console(arguments.json)
     console.print(f"{scenario.name}: {scenario.title}", style="bold", soft_wrap=True)
     if arguments.verbose:
+        console.print(runs_table(found))
         console.print(history_table(found))
     console.print(summary_table(result))
     console.print(guarantee_table(result["guarantees"]))

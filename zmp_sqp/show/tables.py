@@ -75,6 +75,15 @@ def history_table(found: Plan) -> Table:
     return table
 
 
+def runs_table(found: Plan) -> Table:
+    """Table with one row per run of the search: guess, grid, QP solver, outcome."""
+    table = new_table("run of the search", "grid", "QP solver", "iterations", "outcome", "T [s]")
+    for run in found.runs:
+        how = (str(run.intervals), run.backend, str(run.iterations))
+        table.add_row(run.purpose, *how, run.status.replace("_", " "), f"{run.duration:.4f}")
+    return table
+
+
 def new_table(first: str, *others: str) -> Table:
     """Empty table with these column heads: the first column left-aligned, the others right."""
     from rich import box

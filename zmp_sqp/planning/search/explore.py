@@ -68,7 +68,7 @@ def _coarse_to_fine(task: Task, runs: Runs, pace: float, *, smooth: bool) -> Can
     program = task.program(duration, grids[0])
     settings = COARSE if len(grids) > 1 and not refines else SQPSettings()
     shape = "cubic" if smooth else "bang-coast-bang"
-    purpose = f"guess: {shape} at {pace:g} times the bound"
+    purpose = f"{shape}, {pace:g} x bound"
     point = program.pack(controls, duration**2)
     found = runs.minimize(program, point, settings, purpose=purpose)
     if len(grids) == 1 or runs.is_late:
@@ -80,7 +80,7 @@ def on_finer_grid(task: Task, runs: Runs, found: Candidate, grid: Grid) -> Candi
     """SQP run on a finer grid, started from motion and multipliers on a coarser one."""
     fine = task.program(found.program.reference, grid)
     point, y, z = transferred(found, fine)
-    purpose, status = "from the coarser grid", found.result.status
+    purpose, status = "finer grid", found.result.status
     if status is SQPStatus.INFEASIBLE:  # a finer grid may still be feasible
         return runs.minimize(fine, point, SQPSettings(), purpose=purpose)
     finer = runs.minimize(fine, point, RESUMED, y=y, z=z, purpose=purpose)
@@ -126,6 +126,6 @@ def _slower(task: Task, runs: Runs, best: Candidate) -> Candidate:
     slow = Candidate(program, SQPResult(point, *nothing, None, SQPStatus.INFEASIBLE, at, ()))
     if not _rank(slow) < (True, LESS * _rank(best)[1]):
         return best
-    purpose = f"guess: cubic at {SLOW:g} times the bound or slower"
+    purpose = f"cubic, {SLOW:g} x bound or slower"
     found = runs.minimize(program, point, SQPSettings(), purpose=purpose)
     return min(best, slow, found, key=_rank)

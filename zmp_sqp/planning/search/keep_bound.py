@@ -20,7 +20,8 @@ __all__ = ["ABOVE", "at_the_bound"]
 # only one motion
 ABOVE = 3e-4
 LEAST_PER_PHASE = 2  # fewest intervals in each phase of the deciding coordinate
-PURPOSE = "shortest steps to a motion at the bound"
+PURPOSE = "probe at the bound"
+SHORTEST_STEPS = ", shortest steps"  # what the record of its iteration adds to the QP solver
 LEAST_COARSE = 8  # fewest intervals of the coarse grid; with less the full grid is used
 
 
@@ -32,7 +33,7 @@ def at_the_bound(task: Task, runs: Runs) -> Candidate | None:
     Half of the intervals are enough for that; the motion found is then transferred to all.
     """
     if (bang_bang := _bang_bang_at_bound(task)) is not None:
-        runs.record("bang-bang motion on the grid", bang_bang)
+        runs.record("bang-bang on the grid", bang_bang)
         return bang_bang
     motion = blind_motion(task, ABOVE)
     if motion is None or runs.is_late:
@@ -48,7 +49,7 @@ def at_the_bound(task: Task, runs: Runs) -> Candidate | None:
     runs.note(record)
     if not found.feasible:
         runs.runs.append(
-            SearchRun(PURPOSE, coarse.size, record.backend, 1, "refused", motion.duration)
+            SearchRun(PURPOSE, coarse.size, found.backend, 1, "refused", motion.duration)
         )
         return None
     point, at, excess = found.point, found.at, found.excess
@@ -111,7 +112,7 @@ def aligned_grid(motion: BlindMotion, intervals: int) -> Grid:
 def _record(found: Nearest, runs: Runs) -> IterationRecord:
     return IterationRecord(
         iteration=1,
-        backend=f"{found.backend or runs.backend.name}, shortest steps",
+        backend=f"{found.backend or runs.backend.name}{SHORTEST_STEPS}",
         inner_iterations=found.inner,
         rows=found.rows,
         relaxed=False,

@@ -168,6 +168,7 @@ class Runs:
     def record(self, purpose: str, found: Candidate) -> None:
         """Add the record of a run that has ended."""
         steps = found.result.history
-        backends = ", ".join(dict.fromkeys(step.backend for step in steps))
+        names = (step.backend.partition(",")[0] for step in steps)
+        backends = ", ".join(dict.fromkeys(names))
         size, status = found.program.grid.size, found.result.status.name.lower()
         self.runs.append(SearchRun(purpose, size, backends, len(steps), status, found.duration))
