@@ -41,13 +41,13 @@ class Body:
 def read_bodies(urdf: Path) -> list[Body]:
     """Links of a URDF in the order of the file, parents first; joints are revolute or fixed."""
     robot = ET.parse(urdf).getroot()
-    joints = {joint.find("child").get("link"): joint for joint in robot.findall("joint")}  # type: ignore[union-attr]
+    joints = {joint.find("child").get("link"): joint for joint in robot.findall("joint")}
     bodies = []
     for link in robot.findall("link"):
         joint = joints.get(link.get("name"))
         parent, name, axis = None, None, np.array([1.0, 0.0, 0.0])
         if joint is not None:
-            parent = joint.find("parent").get("link")  # type: ignore[union-attr]
+            parent = joint.find("parent").get("link")
             name = joint.get("name") if joint.get("type") == "revolute" else None
             axis = axis if joint.find("axis") is None else _vector(joint.find("axis"), "xyz")
             if joint.get("type") not in ("revolute", "fixed") or parent not in [

@@ -91,7 +91,7 @@ def test_proxqp_alone_solves_what_it_is_asked_for() -> None:
 @pytest.mark.parametrize("name", ["", "PROXQP", "osqp", "qpsolvers:", "qpsolvers:none", None, 3])
 def test_unknown_solvers_are_refused_with_a_list_of_what_there_is(name: object) -> None:
     with pytest.raises(zs.ProblemError, match="proxqp"):
-        zs.plan(paper_1().problem, qp_solver=name)  # type: ignore[arg-type]
+        zs.plan(paper_1().problem, qp_solver=name)
 
 
 def test_the_history_says_what_every_iteration_did() -> None:

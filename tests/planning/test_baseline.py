@@ -25,7 +25,7 @@ def motion(found: object, distance: float, v0: float) -> tuple[np.ndarray, np.nd
     q, v = [0.0], [v0]
     for duration, a in zip(
         found.phases, (found.acceleration, 0.0, -found.acceleration), strict=True
-    ):  # type: ignore
+    ):
         q.append(q[-1] + duration * v[-1] + 0.5 * duration**2 * a)
         v.append(v[-1] + duration * a)
     return np.array(q), np.array(v)

@@ -189,7 +189,7 @@ def test_curvature_of_one_corner_is_that_of_its_own_model(case: str) -> None:
 
 def test_models_that_are_not_of_one_machine_are_all_evaluated() -> None:
     bound = bound_constraints(problem("terrain"))
-    other = replace(bound.corners[1].model, terrain=rolling_map())  # type: ignore[type-var]
+    other = replace(bound.corners[1].model, terrain=rolling_map())
     mixed = BoundConstraints((bound.corners[0], replace(bound.corners[1], model=other)), ())
     assert mixed.models is not None
     assert len(mixed.models.basis) == 2

@@ -103,4 +103,4 @@ def test_only_a_plan_without_success_is_diagnosed() -> None:
     with pytest.raises(zs.ProblemError, match="nothing to diagnose"):
         zs.diagnose(plan)
     with pytest.raises(zs.ProblemError, match="takes a Plan"):
-        zs.diagnose(None)  # type: ignore[arg-type]
+        zs.diagnose(None)

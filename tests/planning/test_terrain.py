@@ -268,7 +268,7 @@ def test_a_motion_that_leaves_its_map_is_refused() -> None:
     with pytest.raises(zs.ProblemError, match=r"leaves the map at \(x, y\) = \(5"):
         UnicycleMotion.from_start(times, np.zeros(3), speed, np.zeros(5), (still, still), small)
     with pytest.raises(zs.TrajectoryError, match="drives on a Slope or a Heightmap"):
-        UnicycleMotion.from_start(times, np.zeros(3), speed, np.zeros(5), (still, still), None)  # type: ignore[arg-type]
+        UnicycleMotion.from_start(times, np.zeros(3), speed, np.zeros(5), (still, still), None)
 
 
 def test_a_ground_that_only_has_gravity_carries_no_driving_base() -> None:

@@ -173,11 +173,11 @@ def test_what_is_no_replayable_motion_is_refused() -> None:
     with pytest.raises(zs.ProblemError, match="the machine has"):
         zs.replay(zs.load_machine("feller_buncher"), trajectory, zs.Slope())
     with pytest.raises(zs.MachineError, match="must be a Machine"):
-        zs.replay("slider", trajectory, zs.Slope())  # type: ignore[arg-type]
+        zs.replay("slider", trajectory, zs.Slope())
     with pytest.raises(zs.TrajectoryError, match="must be a Trajectory"):
-        zs.replay(machine, None, zs.Slope())  # type: ignore[arg-type]
+        zs.replay(machine, None, zs.Slope())
     with pytest.raises(zs.ProblemError, match=r"gravity\(yaw\)"):
-        zs.replay(machine, trajectory, zs.Slope)  # type: ignore[arg-type]
+        zs.replay(machine, trajectory, zs.Slope)
 
 
 def test_a_base_that_drives_is_refused() -> None:

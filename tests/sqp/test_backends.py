@@ -273,3 +273,11 @@ def test_no_qp_starts_after_the_deadline_and_solvers_that_can_stop_know_what_rem
     for nothing in (solve(late, qp), late.solve_again(qp.u, qp.b)):
         assert not nothing.solved
         assert nothing.residuals(qp) == (np.inf, np.inf)
+
+
+@pytest.mark.parametrize("name", ["auto", "piqp", "proxqp", "qpsolvers:clarabel"])
+def test_solving_again_before_anything_was_solved_is_an_error_that_names_the_solver(
+    name: str,
+) -> None:
+    with pytest.raises(RuntimeError, match=r"solve_again\(\) before any solve\(\)"):
+        make_backend(name).solve_again(np.zeros(0), np.zeros(0))

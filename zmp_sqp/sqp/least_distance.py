@@ -192,8 +192,10 @@ class _Search:
 
         This is a step of the simplified Newton method; None if the QP is not solved.
         """
-        assert self.last_qp is not None
-        assert self.keep is not None
+        if self.last_qp is None or self.keep is None:
+            raise RuntimeError(
+                "nearest_feasible: a simplified step needs a QP that was solved before"
+            )
         lin, point, _, step = self.last_qp
         u = -(at.inequalities - lin.C @ step)[self.keep]
         b = -at.equalities if lin.A is None else lin.A @ step - at.equalities

@@ -11,9 +11,11 @@ import scipy.sparse as sp
 
 from zmp_sqp.arrays import Array
 
-__all__ = ["QP", "QPSolution"]
+__all__ = ["NOTHING_YET", "QP", "QPSolution"]
 
 Mask = npt.NDArray[np.bool_]
+
+NOTHING_YET = "{name}: solve_again() before any solve(): there is no QP to solve again"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

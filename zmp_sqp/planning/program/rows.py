@@ -295,7 +295,10 @@ class StageRows:
         Args:
             q, w, alpha, S, positions: As for `StageModel.efforts`.
         """
-        assert self.models is not None
+        if self.models is None:
+            raise ValueError(
+                "StageRows.expand is for more than one corner: use StageRows.linearize"
+            )
         efforts = self.models.linearize(q, w, alpha, S, positions)
         samples = self._samples(q, w, alpha, S, positions)
         others = [

@@ -393,7 +393,8 @@ class StagedProgram:
             return states, None, None
         p = point.states[:, self.stages.places]
         displacements = point.moves
-        assert displacements is not None
+        if displacements is None:
+            raise ValueError("Motion.moves is missing: make motions by StagedProgram.motion")
         if self.drive.terrain.uniform:
             return states, None, displacements
         return states, np.vstack([p[:-1], p[1:], p[:-1] + displacements.half]), displacements

@@ -175,7 +175,8 @@ class Stages:
     def mapped(self) -> tuple[Array, Array, Array]:
         """`state_map` at start, end and middle by mapped stage variables, (K, 3n + 1, m) each."""
         maps = (self.at_start, self.at_end, self.at_middle)
-        return tuple(np.ascontiguousarray(part @ self.hermite) for part in maps)  # type: ignore[return-value]
+        start, end, middle = (np.ascontiguousarray(part @ self.hermite) for part in maps)
+        return start, end, middle
 
     @cached_property
     def heading(self) -> Array:

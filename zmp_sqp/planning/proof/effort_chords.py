@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from zmp_sqp.arrays import Array, Indices
+from zmp_sqp.errors import TrajectoryError
 from zmp_sqp.mechanics.bounds.effort_bounds import EffortBound, effort_bounds
 from zmp_sqp.mechanics.bounds.payload_spread import moment_of_spread
 from zmp_sqp.mechanics.ground import GRAVITY
@@ -21,6 +22,7 @@ from zmp_sqp.mechanics.uncertainty import Corner
 from zmp_sqp.mechanics.wrench import efforts
 from zmp_sqp.motion.root_motion import root_motion, root_motion_bounds
 from zmp_sqp.motion.trajectory import Trajectory
+from zmp_sqp.motion.unicycle_motion import UnicycleMotion
 from zmp_sqp.planning.proof.joint_peaks import peaks
 from zmp_sqp.planning.proof.position_errors import misplaced_root_bounds
 from zmp_sqp.planning.proof.subdivision import Mask
@@ -127,11 +129,17 @@ class EffortChords:
         both = tuple(np.vstack(pair) for pair in zip(*ends, strict=True))
         j = np.abs(self.trajectory.jerks[interval])
         reach, v, a = peaks(both, j, delta[:, None])
-        base, height = self.trajectory.base, abs(_height(self.machine))
-        root = root_motion_bounds(base, interval, since, delta, height=height)  # type: ignore[arg-type]
+        base, height = _base_of(self.trajectory), abs(_height(self.machine))
+        root = root_motion_bounds(base, interval, since, delta, height=height)
         return effort_bounds(
             self.machine, v, a, j, reach=reach, gravity=GRAVITY, base=root, joints=self.joints
         )[1]
+
+
+def _base_of(trajectory: Trajectory) -> UnicycleMotion:
+    if trajectory.base is None:
+        raise TrajectoryError("EffortChords is for a trajectory whose base drives: it has no base")
+    return trajectory.base
 
 
 def _bounds_of_intervals(
@@ -145,8 +153,7 @@ def _bounds_of_intervals(
     """
     machine, height = corner.machine, _height(corner.machine)
     count, h = trajectory.intervals, np.diff(trajectory.times)
-    drive = trajectory.base
-    assert drive is not None
+    drive = _base_of(trajectory)
     j, step = np.abs(trajectory.jerks), h[:, None]
     a = np.abs(trajectory.accelerations)
     v = np.abs(trajectory.velocities[:-1]) + step * a + 0.5 * step**2 * j

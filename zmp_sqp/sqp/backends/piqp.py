@@ -8,7 +8,7 @@ import numpy as np
 import piqp
 
 from zmp_sqp.arrays import Array
-from zmp_sqp.sqp.qp import QP, QPSolution
+from zmp_sqp.sqp.qp import NOTHING_YET, QP, QPSolution
 
 __all__ = ["PIQP"]
 
@@ -54,7 +54,8 @@ class PIQP:
 
     def solve_again(self, u: Array, b: Array) -> QPSolution:
         """Solution of the last QP with other right-hand sides; the solver is reused."""
-        assert self._qp is not None
+        if self._qp is None:
+            raise RuntimeError(NOTHING_YET.format(name=self.name))
         if self._solver is None or not np.isfinite(u.sum() + b.sum()):
             return QPSolution.nothing(self._qp, self.name)
         changes = {"h_u": u} if self._qp.A is None else {"h_u": u, "b": b}

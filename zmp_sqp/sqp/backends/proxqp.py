@@ -12,7 +12,7 @@ import scipy.sparse as sp
 from zmp_sqp.arrays import Array, Indices
 from zmp_sqp.sqp.backends.active_set import ActiveSetMethod
 from zmp_sqp.sqp.backends.piqp import PIQP
-from zmp_sqp.sqp.qp import QP, QPSolution
+from zmp_sqp.sqp.qp import NOTHING_YET, QP, QPSolution
 
 __all__ = ["ProxQP"]
 
@@ -83,7 +83,8 @@ class ProxQP:
         if self._instead is not None:
             return self._instead.solve_again(u, b)
         active_set, last = self._active_set, self._last
-        assert active_set is not None
+        if active_set is None:
+            raise RuntimeError(NOTHING_YET.format(name=self.name))
         qp = replace(active_set.qp, u=u, b=b)
         if last is None or not (qp.is_finite() and last.is_finite()):
             return QPSolution.nothing(qp, self.name)

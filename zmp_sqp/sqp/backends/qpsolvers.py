@@ -12,7 +12,7 @@ import scipy.sparse as sp
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.errors import ProblemError
-from zmp_sqp.sqp.qp import QP, QPSolution
+from zmp_sqp.sqp.qp import NOTHING_YET, QP, QPSolution
 
 __all__ = ["QPSolvers"]
 
@@ -98,7 +98,8 @@ class QPSolvers:
 
     def solve_again(self, u: Array, b: Array) -> QPSolution:
         """Solution of the last QP with other right-hand sides, without warm start."""
-        assert self._qp is not None
+        if self._qp is None:
+            raise RuntimeError(NOTHING_YET.format(name=self.name))
         return self.solve(replace(self._qp, u=u, b=b), tolerance=0.0, iterations=0)
 
     def _problem(self, qp: QP) -> qpsolvers.Problem:
