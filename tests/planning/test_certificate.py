@@ -20,7 +20,7 @@ from benchmarks.problems.checks import joint_limit_excess
 from tests.mechanics.conftest import PERMUTED, STEM, TREE_COM
 from tests.planning.conftest import planned_paper_1
 from tests.problems import slider
-from zmp_sqp.mechanics.bounds.effort_bounds import wrench_curvature_bound, wrench_size_bound
+from zmp_sqp.mechanics.bounds.effort_bounds import effort_bounds
 from zmp_sqp.motion.unicycle_motion import UnicycleMotion
 from zmp_sqp.planning.constraints import tip_over
 from zmp_sqp.planning.problem.unicycle_base import UnicycleBase
@@ -261,10 +261,9 @@ def test_second_derivatives_of_the_wrench_stay_below_their_bound(name: str) -> N
         second = weights @ wrench / step**2
         noise = 1e-10 * float(np.abs(wrench).max()) / step**2
         most = (np.abs(v)[None], np.abs(a)[None], np.abs(j)[None])
-        bound = wrench_curvature_bound(machine, *most, reach=np.abs(q)[None], gravity=9.81)
+        size, bound = effort_bounds(machine, *most, reach=np.abs(q)[None], gravity=9.81)
         assert np.linalg.norm(second[:3]) <= bound.force[0] * (1.0 + 1e-6) + noise, seed
         assert np.linalg.norm(second[3:]) <= bound.moment[0] * (1.0 + 1e-6) + noise, seed
-        size = wrench_size_bound(machine, *most, reach=np.abs(q)[None], gravity=9.81)
         assert np.linalg.norm(wrench[4, :3]) <= size.force[0] * (1.0 + ROUNDING), seed
         assert np.linalg.norm(wrench[4, 3:]) <= size.moment[0] * (1.0 + ROUNDING), seed
 
@@ -272,7 +271,7 @@ def test_second_derivatives_of_the_wrench_stay_below_their_bound(name: str) -> N
 def test_the_bound_on_a_crane_that_slews_steadily_is_m_r_w4_itself() -> None:
     """1000 kg at 2 m: a centripetal force that turns."""
     one = np.ones((1, 1))
-    bound = wrench_curvature_bound(
+    _, bound = effort_bounds(
         machine_of("slewing_crane"), 3.0 * one, 0.0 * one, 0.0 * one, reach=one, gravity=9.81
     )
     assert bound.force[0] == pytest.approx(1000.0 * 2.0 * 3.0**4)

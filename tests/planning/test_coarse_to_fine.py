@@ -45,7 +45,7 @@ def settled(found: Candidate, runs: Runs) -> SQPResult:
     """The run of a candidate, gone on with until nothing changes."""
     result = found.result
     settings = SQPSettings(resumed=True, converged=SETTLED)
-    return SQP(runs.backend, None, settings).minimize(
+    return SQP(runs.backend, settings).minimize(
         found.program, result.point, y=result.y, z=result.z, excess=result.excess
     )
 
@@ -163,18 +163,18 @@ def test_a_screened_program_has_the_minimum_of_the_whole_one(
     may be missed."""
     found, runs = searched(task_of(random_problem(seed, HARD).problem))
     settled(found, runs)
-    backends, compared = (make_backend("auto"),), 0
+    backend, compared = make_backend("auto"), 0
     for recorded, direction in tuple(steps):
         lin = recorded.lin
         if len(lin.gradient) != found.program.size or MISSED * lin.at.violation > NEGLIGIBLE:
             continue
         H = found.program.hessian(lin, direction.y, direction.z, clipped=1.0, damping=0.0)
-        screened = Subproblem(lin, H, recorded.keep, backends, 1e-8).solve(
+        screened = Subproblem(lin, H, recorded.keep, backend, 1e-8).solve(
             iterations=100, y=direction.y, z=direction.z
         )
         assert screened is not None
         program = whole_program(lin, H)
-        whole = backends[0].solve(program, tolerance=1e-8, iterations=100)
+        whole = backend.solve(program, tolerance=1e-8, iterations=100)
         assert max(whole.residuals(program)) < 10.0 * NEGLIGIBLE
 
         def value(step: np.ndarray, lin: Any = lin, H: Any = H) -> float:

@@ -18,7 +18,7 @@ from benchmarks.problems.driving_checks import zmp_from_poses
 from benchmarks.problems.paper import PAPER_GOAL, PAPER_START, paper_scene
 from benchmarks.problems.terrain import unicycle_base as base
 from tests.planning.driving import paper_2_joint, retreat, retreat_problem
-from zmp_sqp.mechanics.bounds.effort_bounds import wrench_curvature_bound
+from zmp_sqp.mechanics.bounds.effort_bounds import effort_bounds
 from zmp_sqp.mechanics.bounds.root_bounds import root_bounds
 from zmp_sqp.mechanics.wrench import ground_reaction
 from zmp_sqp.motion.root_motion import root_motion
@@ -209,7 +209,7 @@ def test_the_bound_on_the_wrenchs_curvature_holds_for_a_base_that_drives_and_tur
             )
         change = (wrenches[2] - 2.0 * wrenches[1] + wrenches[0]) / h**2
         peaks = np.abs(np.stack([speeds, pushes, jerks])).transpose(2, 0, 1)
-        bound = wrench_curvature_bound(
+        _, bound = effort_bounds(
             machine,
             np.abs(v),
             np.abs(a),

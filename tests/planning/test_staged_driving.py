@@ -282,7 +282,7 @@ def test_arriving_hits_the_aim_by_the_accelerations_of_the_path_alone(
     aim = point.states[-1, places] + [0.03, -0.02]
     found = drive.arrived(grid, q[0], w[0], controls, aim)
     q_after, w_after = grid.rolled(q[0], w[0], found)
-    p = drive.positions(grid, q_after, w_after, found)
+    p, _ = drive.path(grid, q_after, w_after, found)
     np.testing.assert_allclose(p[-1], aim, atol=1e-11)
     assert w_after[-1, -2] == pytest.approx(w[-1, -2], abs=1e-10)
     others = np.arange(program.n) != program.n - 2
@@ -313,7 +313,7 @@ def test_changes_of_displacements_propagate_to_the_nodes(terrain: str) -> None:
     changed[:, -2] *= 1.0 + step
     pushed = controls.copy()
     pushed[:, :, -2] *= 1.0 + step
-    after = drive.positions(grid, q, changed, pushed)
+    after, _ = drive.path(grid, q, changed, pushed)
     alone = drive.displacements(grid, p, q, changed, pushed).whole - moves.whole
     np.testing.assert_allclose(propagated(moves, alone), after - p, atol=1e-9)
 

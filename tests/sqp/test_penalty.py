@@ -69,7 +69,7 @@ def test_a_qp_step_lowers_the_penalty_to_first_order() -> None:
         lin = problem.linearize(problem.x0)
         y, z = np.zeros(problem.equalities), np.zeros(problem.inequalities)
         everything = np.ones(problem.inequalities, dtype=bool)
-        subproblem = Subproblem(lin, problem.metric(), everything, (make_backend("piqp"),), 1e-9)
+        subproblem = Subproblem(lin, problem.metric(), everything, make_backend("piqp"), 1e-9)
         direction = subproblem.solve(iterations=100, y=y, z=z)
         assert direction is not None, problem.name
         penalty = Penalty().raised(direction.y, direction.z, problem.nonlinear)

@@ -69,7 +69,7 @@ class Subproblem:
         lin: Linearization,
         H: Any,
         keep: Mask,
-        backends: tuple[QPBackend, ...],
+        backend: QPBackend,
         tolerance: float,
     ) -> None:
         """Quadratic program of an expansion and a Hessian.
@@ -78,19 +78,18 @@ class Subproblem:
             lin: First-order expansion at the iterate.
             H: Hessian of the Lagrangian, upper triangle, CSC.
             keep: Mask of the inequalities in the first QP, shape (m,).
-            backends: QP solvers, tried in turn until one solves the QP.
+            backend: QP solver.
             tolerance: Tolerance of the QP solvers.
         """
         self.lin, self.H, self.keep = lin, H, keep
-        self._backends, self._tolerance = backends, tolerance
-        self._backend = backends[0]
-        self.inner = 0  # iterations of the backends in all QPs so far
+        self._backend, self._tolerance = backend, tolerance
+        self.inner = 0  # iterations of the backend in all QPs so far
 
     def solve(self, *, iterations: int, y: Array, z: Array) -> Direction | None:
-        """Step of the QP; None if no backend solves it.
+        """Step of the QP; None if the backend does not solve it.
 
         Args:
-            iterations: Largest number of iterations of a backend.
+            iterations: Largest number of iterations of the backend.
             y, z: Multipliers of the previous iterate, for a warm start, shape (p,) and (m,).
         """
         lin, keep = self.lin, self.keep
@@ -119,7 +118,7 @@ class Subproblem:
         return keep | ((predicted > -ADDED) & leading) if (over & leading).any() else None
 
     def solve_relaxed(self, nonlinear: int, price: float) -> Direction | None:
-        """Step of the QP with a slack on its nonlinear rows; None if no backend solves it.
+        """Step of the QP with a slack on its nonlinear rows; None if the backend does not solve it.
 
         Args:
             nonlinear: Number of nonlinear inequalities, which come first.
@@ -162,17 +161,14 @@ class Subproblem:
     def _solved(
         self, qp: QP, tolerance: float, iterations: int, warm: QPSolution | None
     ) -> QPSolution | None:
-        """First solution reported as solved whose rows hold; None if there is none."""
-        for backend in self._backends:
-            solution = backend.solve(qp, tolerance=tolerance, iterations=iterations, warm=warm)
-            self.inner += solution.iterations
-            if solution.solved and solution.is_finite():
-                above = float((qp.C @ solution.x - qp.u).max(initial=0.0))
-                largest = max(1.0, float(np.abs(qp.u).max(initial=0.0)))
-                if above <= max(SOLVED, 10.0 * tolerance * largest):
-                    self._backend = backend
-                    return solution
-        return None
+        """Solution that is reported as solved and whose rows hold; None if they do not."""
+        solution = self._backend.solve(qp, tolerance=tolerance, iterations=iterations, warm=warm)
+        self.inner += solution.iterations
+        if not (solution.solved and solution.is_finite()):
+            return None
+        above = float((qp.C @ solution.x - qp.u).max(initial=0.0))
+        largest = max(1.0, float(np.abs(qp.u).max(initial=0.0)))
+        return solution if above <= max(SOLVED, 10.0 * tolerance * largest) else None
 
     def _direction(self, solution: QPSolution, predicted: Array, slack: float) -> Direction:
         z = np.zeros(len(self.keep))

@@ -50,7 +50,7 @@ class Nearest:
 
     Attributes:
         point: Last point of the search.
-        feasible: Whether it satisfies the constraints, or `enough` of the search.
+        feasible: Whether it satisfies the constraints.
         at: Values there, `excess` included.
         excess: Amounts added to the nonlinear rows, shape (nonlinear,), or None.
         steps: Number of QPs solved.
@@ -69,9 +69,7 @@ class Nearest:
     backend: str = ""
 
 
-def nearest_feasible(
-    program: MetricProgram, point: Any, backend: QPBackend, *, enough: float = 0.0
-) -> Nearest:
+def nearest_feasible(program: MetricProgram, point: Any, backend: QPBackend) -> Nearest:
     r"""Feasible point with the objective of a given point, by least-distance steps.
 
     Each step d solves
@@ -85,20 +83,19 @@ def nearest_feasible(
         program: Nonlinear program with a metric H.
         point: Initial point.
         backend: Solver of the QPs.
-        enough: Violation with which the search may end; 0 asks for a feasible point.
 
     Returns:
         The last point; `feasible` tells whether the search succeeded.
     """
-    search = _Search(program, backend, enough)
+    search = _Search(program, backend)
     return search.run(point)
 
 
 class _Search:
     """State of one call of `nearest_feasible`."""
 
-    def __init__(self, program: MetricProgram, backend: QPBackend, enough: float) -> None:
-        self.program, self.backend, self.enough = program, backend, enough
+    def __init__(self, program: MetricProgram, backend: QPBackend) -> None:
+        self.program, self.backend = program, backend
         self.H = _without_last(program.metric(), square=True)
         self.keep: Mask | None = None
         self.excess: Array | None = None
@@ -113,8 +110,7 @@ class _Search:
         while True:
             at = self._values(point)
             violations.append(at.violation)
-            near_enough = at.is_finite() and at.violation <= self.enough
-            feasible = near_enough or is_feasible(at, program.tolerance, EQUALITY)
+            feasible = is_feasible(at, program.tolerance, EQUALITY)
             if feasible or self.steps >= STEPS or not at.is_finite():
                 break
             may_help = self.tolerance < at.violation <= SIMPLIFIED_BELOW and not after_simplified
@@ -136,7 +132,7 @@ class _Search:
     def _values(self, point: Any) -> Evaluation:
         at = self.program.evaluate(point)
         worst = at.inequalities[: self.program.nonlinear].max(initial=0.0)
-        if self.enough == 0.0 and self.excess is None and worst < EXCESS_BELOW:
+        if self.excess is None and worst < EXCESS_BELOW:
             raw = self.program.excess(point, at, fine=False)
             if raw is not None:
                 self.excess = EXCESS_FACTOR * raw + EXCESS_GUARD

@@ -117,13 +117,11 @@ class SQP:
 
     Attributes:
         backend: Solver of the QPs.
-        fallback: Solver of QPs that the backend does not solve; None for none.
         settings: Stopping criteria and limits.
         report: Called after every iteration with its record; None for no calls.
     """
 
     backend: QPBackend
-    fallback: QPBackend | None = None
     settings: SQPSettings = field(default_factory=SQPSettings)
     report: Callable[[IterationRecord], None] | None = None
     _history: list[IterationRecord] = field(default_factory=list)
@@ -268,8 +266,7 @@ class SQP:
             keep = keep | program.decisive(iterate.point, early=early)
         share = np.clip(QP_SHARE * iterate.violation, LEAST_TOLERANCE, LARGEST_TOLERANCE)
         tolerance = LEAST_TOLERANCE if iterate.finishing else float(share)
-        backends = (self.backend,) if self.fallback is None else (self.backend, self.fallback)
-        return Subproblem(lin, H, keep, backends, tolerance)
+        return Subproblem(lin, H, keep, self.backend, tolerance)
 
     def _predicted_decrease(
         self, program: NonlinearProgram, iterate: Iterate, direction: Direction

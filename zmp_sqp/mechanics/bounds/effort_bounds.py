@@ -42,8 +42,6 @@ __all__ = [
     "EffortBound",
     "effort_bounds",
     "is_prismatic",
-    "wrench_curvature_bound",
-    "wrench_size_bound",
 ]
 
 
@@ -116,42 +114,6 @@ class _Link:
         if self.tensor:
             found = found + leibniz(self.tensor, self.spin, k + 1)
         return np.asarray(found)
-
-
-def wrench_curvature_bound(
-    machine: Machine,
-    v: Array,
-    a: Array,
-    j: Array,
-    *,
-    reach: Array,
-    gravity: float,
-    base: Array | None = None,
-) -> EffortBound:
-    """Bound on the second time derivative of the ground reaction, second part of `effort_bounds`.
-
-    Args:
-        machine, v, a, j, reach, gravity, base: Arguments of `effort_bounds`.
-    """
-    return effort_bounds(machine, v, a, j, reach=reach, gravity=gravity, base=base)[1]
-
-
-def wrench_size_bound(
-    machine: Machine,
-    v: Array,
-    a: Array,
-    j: Array,
-    *,
-    reach: Array,
-    gravity: float,
-    base: Array | None = None,
-) -> EffortBound:
-    """Bound on the ground reaction itself, first part of `effort_bounds`.
-
-    Args:
-        machine, v, a, j, reach, gravity, base: Arguments of `effort_bounds`.
-    """
-    return effort_bounds(machine, v, a, j, reach=reach, gravity=gravity, base=base)[0]
 
 
 def effort_bounds(

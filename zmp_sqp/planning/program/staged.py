@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Hashable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -547,31 +547,6 @@ class StagedProgram:
             tuple((bound.axis, bound.sign) for bound in limits.position_bounds),
         )
         return _patterns_of(_Key(key, self))
-
-    def with_rows(self, rows: StageRows) -> StagedProgram:
-        """This program with other path constraints."""
-        return StagedProgram(
-            rows,
-            self.start,
-            self.goal,
-            self.bounds,
-            self.grid,
-            drive=self.drive,
-            position_bounds=self.limits.position_bounds,
-        )
-
-    def with_least(self, least_duration: float) -> StagedProgram:
-        """This program with another lower bound of the duration [s]."""
-        bounds = replace(self.bounds, least_duration=least_duration)
-        return StagedProgram(
-            self.rows,
-            self.start,
-            self.goal,
-            bounds,
-            self.grid,
-            drive=self.drive,
-            position_bounds=self.limits.position_bounds,
-        )
 
 
 class _Key:

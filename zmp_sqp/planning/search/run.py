@@ -86,7 +86,6 @@ class Runs:
 
     Attributes:
         backend: QP solver that the user chose.
-        fallback: QP solver for QPs that `backend` does not solve; None for none.
         started: Start of planning, a `time.perf_counter()` value [s].
         deadline: `time.perf_counter()` value after which no new QP starts [s]; None for no limit.
         progress: Called after every iteration with its record; None for no calls.
@@ -95,7 +94,6 @@ class Runs:
     """
 
     backend: QPBackend
-    fallback: QPBackend | None
     started: float
     deadline: float | None
     progress: Callable[[IterationRecord], None] | None = None
@@ -119,7 +117,7 @@ class Runs:
         backend = make_backend(qp_solver)
         if deadline is not None:
             backend = Punctual(backend, deadline)
-        return cls(backend, None, started, deadline, progress)
+        return cls(backend, started, deadline, progress)
 
     @property
     def is_late(self) -> bool:
@@ -152,7 +150,7 @@ class Runs:
             purpose: Purpose of the run in words, for its record.
         """
         settings = replace(settings, deadline=self.deadline)
-        sqp = SQP(self.backend, self.fallback, settings, self.progress)
+        sqp = SQP(self.backend, settings, self.progress)
         result = sqp.minimize(program, point, y=y, z=z, excess=excess)
         self.history.extend(result.history)
         found = Candidate(program, result)

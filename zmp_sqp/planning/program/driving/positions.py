@@ -75,10 +75,6 @@ class Positions:
                 break
         return np.asarray(p), moves
 
-    def positions(self, grid: Grid, q: Array, w: Array, controls: Array) -> Array:
-        """Base positions at the nodes, shape (N + 1, 2) [m]."""
-        return self.path(grid, q, w, controls)[0]
-
     def displacements(
         self, grid: Grid, p: Array, q: Array, w: Array, controls: Array
     ) -> Displacements:
