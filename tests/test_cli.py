@@ -15,6 +15,7 @@ import pytest
 
 import zmp_sqp.cli as cli
 import zmp_sqp.commands.plan as plan_command
+from zmp_sqp.planning import certify, phase_plane
 from zmp_sqp.scenario import SCHEMA, load_scenario, shipped_scenarios
 from zmp_sqp.show.results import RESULT_KEYS
 
@@ -91,7 +92,7 @@ def test_the_table_fits_a_pipe_and_names_what_matters(capsys: pytest.CaptureFixt
         "Song & Sharf",
         "duration [s]",
         "lower bound [s]",
-        "least stability margin [m]",
+        "guaranteed stability margin [m]",
         "phase plane",
         "auto",
     ):
@@ -113,11 +114,30 @@ def test_the_worst_corner_is_named_where_something_is_uncertain(
     assert cli.main(["plan", str(path), "--json", str(tmp_path / "result.json")]) == 0
     printed = " ".join(capsys.readouterr().out.split())
     corner = json.loads((tmp_path / "result.json").read_text())["corner"]
-    assert "the least of all, with" in printed
+    assert "the same, nothing uncertain [m]" in printed
     assert corner.startswith("the slope off by roll ")
     assert corner[:16] in printed
     assert cli.main(["plan", "paper_1"]) == 0
-    assert "the least of all" not in capsys.readouterr().out
+    assert "nothing uncertain" not in capsys.readouterr().out
+
+
+def test_the_margins_of_plan_and_baseline_are_the_same_quantity(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "uncertain.toml"
+    text = TIPPING.replace("mass = 4000", "mass = 2000").replace("90, -30, -120", "180, -30, -120")
+    path.write_text(text + "[plan]\ntipping_fraction = 0.75\n", encoding="utf-8")
+    assert cli.main(["plan", str(path), "--json", "-"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    problem = load_scenario(path).problem
+    heavier = problem.machine.with_payload_scaled(1.0 / 0.75)
+    blind = phase_plane(problem.machine, problem.start, problem.goal)
+    for key, machine in (("margin", heavier), ("nominal_margin", problem.machine)):
+        expected = certify(machine, blind, problem.ground).margin
+        assert result["phase_plane"][key] == pytest.approx(expected, abs=1e-5)
+    assert result["phase_plane"]["margin"] < result["phase_plane"]["nominal_margin"] - 0.1
+    assert result["nominal_margin"] > result["margin"]
+    assert result["margin_asked"] == 0.0
 
 
 def test_json_on_standard_output_is_all_there_is(capsys: pytest.CaptureFixture[str]) -> None:

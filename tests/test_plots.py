@@ -1,15 +1,16 @@
-"""Figures: drawn without a display, for any machine, in the paper's axes and colours."""
+"""Figures: drawn without a display, for any machine, in the root frame and the paper's colours."""
 
 from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from zmp_sqp.mechanics import SupportPolygon
+from zmp_sqp.mechanics import SupportPolygon, zmp
 from zmp_sqp.paper.figures import FIGURES, draw_figures
 from zmp_sqp.paper.runs import Motions
 from zmp_sqp.planning import Plan, Trajectory, phase_plane, plan
@@ -61,7 +62,7 @@ def test_the_ending_of_the_path_chooses_the_format(planned: Plan, tmp_path: Path
     assert b"<svg" in (tmp_path / "joints.svg").read_bytes()
 
 
-def test_the_locus_is_drawn_in_the_papers_axes_and_colours(
+def test_the_locus_is_drawn_in_the_root_frame_of_messages_and_in_the_papers_colours(
     planned: Plan, baseline: Trajectory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     saved = curves(monkeypatch)
@@ -70,18 +71,39 @@ def test_the_locus_is_drawn_in_the_papers_axes_and_colours(
     )
     [axes] = saved[0].axes
     lines = {line.get_label(): line for line in axes.get_lines()}
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("x forward [m]", "y left [m]")
     polygon = lines["support polygon"].get_xydata()
-    # 3.23 m wide, 5 m long
-    np.testing.assert_allclose(np.abs(polygon), np.tile([1.615, 2.5], (5, 1)))
+    # 5 m long, 3.23 m wide
+    np.testing.assert_allclose(np.abs(polygon), np.tile([2.5, 1.615], (5, 1)))
     blind, ours = (
         lines[f"ZMP locus: {name}"].get_xydata() for name in ("phase plane", "full model")
     )
-    assert np.nanmin(blind[:, 0]) < -1.615 - 0.3  # leaves to the left, where the ground leans
-    assert np.nanmin(ours[:, 0]) > -1.615 - 1e-3
+    assert np.nanmax(blind[:, 1]) > 1.615 + 0.3  # leaves to the left, where the ground leans
+    assert np.nanmax(ours[:, 1]) < 1.615 + 1e-3
     for locus in (blind, ours):
-        assert locus[0, 1] > 0.5 > -0.5 > locus[-2, 1]  # from ahead of the machine to behind it
+        assert locus[0, 0] > 0.5 > -0.5 > locus[-2, 0]  # from ahead of the machine to behind it
+    problem, times = planned.problem, sample_times(baseline)[0]
+    q, v, a = baseline(times)
+    np.testing.assert_allclose(
+        blind[: len(times)], zmp(problem.machine, q, v, a, problem.ground), rtol=0.0, atol=1e-9
+    )
     assert lines["ZMP locus: phase plane"].get_color() == PLANNER_COLOURS["phase plane"]
     assert axes.get_aspect() == 1.0
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.1, 0.5])
+def test_the_margin_that_was_asked_for_is_drawn(
+    planned: Plan, baseline: Trajectory, monkeypatch: pytest.MonkeyPatch, margin: float
+) -> None:
+    saved = curves(monkeypatch)
+    plot_zmp(replace(planned.problem, margin=margin), {"phase plane": baseline}, "nowhere.png")
+    lines = {line.get_label(): line for line in saved[0].axes[0].get_lines()}
+    asked = [line for label, line in lines.items() if label.startswith("margin asked for")]
+    assert len(asked) == (margin > 0.0)
+    for line in asked:
+        np.testing.assert_allclose(
+            np.abs(line.get_xydata()), np.tile([2.5 - margin, 1.615 - margin], (5, 1))
+        )
 
 
 def test_every_joint_has_a_name_and_its_limits_are_dashed(
@@ -116,8 +138,6 @@ def test_samples_stay_on_their_side_of_a_jump(planned: Plan) -> None:
 def test_other_planners_get_colours_of_their_own_and_any_polygon_is_drawn(
     planned: Plan, baseline: Trajectory, tmp_path: Path
 ) -> None:
-    from dataclasses import replace
-
     hexagon = [[np.cos(t), np.sin(t)] for t in np.arange(6) * np.pi / 3]
     machine = planned.problem.machine.with_support(SupportPolygon(4.0 * np.array(hexagon)))
     problem = replace(planned.problem, machine=machine)

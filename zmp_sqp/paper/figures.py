@@ -1,6 +1,7 @@
 """Figures 3, 4, 5 and 6 of Song & Sharf 2020, drawn from motions planned by zmp_sqp.
 
-Axes and colours are the paper's; limits are dashed.
+Colours are the paper's; limits are dashed. ZMP loci are drawn in the root frame, x forward and y
+left, which is the paper's picture turned by 90 degrees.
 """
 
 from __future__ import annotations
@@ -133,7 +134,15 @@ def _draw_moving_loci(motions: Motions, path: Path) -> None:
         pieces = len(arm.times if base is None else np.union1d(arm.times, base.times)) - 1
         loci[name] = list(points.reshape(pieces, -1, 2))
     figure = new_figure(width=5.4, height=6.0)
-    draw_loci(figure, problem.machine.support, problem.gravity_at("start"), loci, window=WINDOW)
+    gravity = problem.gravity_at("start")
+    draw_loci(
+        figure,
+        problem.machine.support,
+        gravity,
+        loci,
+        margin=problem.margin,
+        window=WINDOW,
+    )
     save(figure, path)
 
 

@@ -7,11 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from zmp_sqp.errors import ContactLost
-from zmp_sqp.mechanics import stability_margin
-from zmp_sqp.planning import Plan, Problem, Trajectory
+from zmp_sqp.planning import Plan, Problem, Trajectory, certify
+from zmp_sqp.planning.proof.certificate import certify_for
 from zmp_sqp.scenario import Scenario
-from zmp_sqp.show.canvas import sample_times
 from zmp_sqp.show.guarantees import GUARANTEE_KEYS, guarantee_fields
 from zmp_sqp.versions import installed_versions
 
@@ -22,15 +20,19 @@ RESULT_KEYS = f"""\
   scenario, title           name and title of the scenario
   success, status, message  whether a motion was found; if not, why
   duration, lower_bound     [s] no motion within the joint limits is faster than the bound
-  margin                    [m] least distance from the ZMP to an edge; negative outside
+  margin                    [m] guaranteed least distance from the ZMP to an edge, under all
+                            uncertainties; negative outside
   iterations                number of SQP iterations
   qp_solver                 name of the QP solver, as given
   runs                      of the search: purpose, intervals, backend, iterations, status,
                             duration [s]
+  nominal_margin            [m] the same with payload and slope exactly as given
+  margin_asked              [m] margin that the scenario asks for
   corner                    payload and slope for which the margin is least, or empty
 {GUARANTEE_KEYS}  solve_time                [s] planning time
-  phase_plane               duration and margin of the phase-plane baseline, which ignores the
-                            ZMP; null if start or goal is in motion, or if the base drives
+  phase_plane               duration, margin and nominal_margin of the phase-plane baseline, which
+                            ignores the ZMP; null if start or goal is in motion, or if the base
+                            drives; its margins are null if it lifts off
   diagnosis                 if no motion was found: largest_payload [kg], steepest_slope [rad]
                             for which one exists; else null
   joints                    by name: peak_rate, rate_limit, peak_acceleration, acceleration_limit
@@ -65,6 +67,12 @@ def make_result(scenario: Scenario, found: Plan, baseline: Trajectory | None) ->
         "scenario": scenario.name,
         "title": scenario.title,
         **plan_fields(found),
+        "nominal_margin": (
+            _nominal_margin(found.problem, found.trajectory, found.margin)
+            if found.success
+            else None
+        ),
+        "margin_asked": found.problem.margin,
         "corner": found.certificate.corner,
         "guarantees": guarantee_fields(found.certificate.guarantees),
         "solve_time": found.solve_time,
@@ -76,13 +84,30 @@ def make_result(scenario: Scenario, found: Plan, baseline: Trajectory | None) ->
 
 
 def _baseline_result(problem: Problem, baseline: Trajectory) -> dict[str, float | None]:
-    """Duration [s] and sampled margin [m] of the baseline; None for the margin if it lifts off."""
-    q, v, a = baseline(np.concatenate(sample_times(baseline)))
-    try:
-        margin = float(stability_margin(problem.machine, q, v, a, problem.ground).min())
-    except ContactLost:
-        margin = None
-    return {"duration": baseline.duration, "margin": margin}
+    """Duration [s] and margins [m] of the baseline; None for margins if it lifts off."""
+    guaranteed = certify_for(problem, baseline).margin
+    return {
+        "duration": baseline.duration,
+        "margin": _finite(guaranteed),
+        "nominal_margin": _nominal_margin(problem, baseline, guaranteed),
+    }
+
+
+def _nominal_margin(problem: Problem, motion: Trajectory, guaranteed: float) -> float | None:
+    """Guaranteed margin with payload and slope exactly as given [m]; None if it lifts off.
+
+    Args:
+        problem: Gives machine, ground and what is uncertain.
+        motion: The motion.
+        guaranteed: Its margin under all uncertainties, which is the same if there are none [m].
+    """
+    if len(problem.corners(every=True)) == 1:
+        return _finite(guaranteed)
+    return _finite(certify(problem.machine, motion, problem.ground, problem.margin).margin)
+
+
+def _finite(value: float) -> float | None:
+    return value if np.isfinite(value) else None
 
 
 def _joint_peaks(problem: Problem, trajectory: Trajectory) -> dict[str, dict[str, float]]:

@@ -17,6 +17,9 @@ __all__ = ["history_table", "joint_table", "key_table", "new_table", "summary_ta
 def summary_table(result: Mapping[str, Any]) -> Table:
     """Durations and margins of the planned motion and of the phase-plane baseline, side by side.
 
+    Both margins are guaranteed ones, under all uncertainties of the problem; where there are any,
+    a second row has the margins without them.
+
     Args:
         result: Made by `make_result`.
     """
@@ -29,9 +32,11 @@ def summary_table(result: Mapping[str, Any]) -> Table:
             "above the bound [%]",
             _number(100.0 * (result["duration"] / result["lower_bound"] - 1.0), 2),
         )
-    table.add_row("least stability margin [m]", _margin(result), _margin(baseline))
+    margins = [_margin(one, "margin") for one in (result, baseline)]
+    table.add_row("guaranteed stability margin [m]", *margins)
     if result["corner"]:
-        table.add_row("the least of all, with", result["corner"])
+        margins = [_margin(one, "nominal_margin") for one in (result, baseline)]
+        table.add_row("the same, nothing uncertain [m]", *margins)
     table.add_row("SQP iterations", str(result["iterations"]))
     table.add_row("solve time [ms]", _number(1e3 * result["solve_time"], 1))
     table.add_row("QP solver", result["qp_solver"])
@@ -100,13 +105,13 @@ def _number(value: float | None, digits: int = 4) -> str:
     return "-" if value is None else f"{value:.{digits}f}"
 
 
-def _margin(motion: Mapping[str, Any]) -> str | Text:
+def _margin(motion: Mapping[str, Any], key: str) -> str | Text:
     """Margin of a motion, red if negative or if the machine lifts off; a dash without a motion."""
     from rich.text import Text
 
     if motion.get("duration") is None:
         return "-"
-    margin = motion["margin"]
+    margin = motion[key]
     # adding 0.0 turns -0.0 into 0.0
     text = "lifts off" if margin is None else _number(round(margin, 4) + 0.0)
     return Text(text, style="" if margin is not None and round(margin, 4) >= 0.0 else "bold red")

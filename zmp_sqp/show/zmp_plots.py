@@ -37,9 +37,10 @@ def plot_zmp(
 ) -> None:
     """Draw ZMP loci in the support polygon, as in fig. 3 of Song & Sharf 2020.
 
-    The axes are the paper's: x to the right of the machine and y ahead of it, which are (-y, x) of
-    the root frame. Where an acceleration jumps, so does the ZMP; jumps are thin lines. Intervals on
-    which the machine lifts off have no ZMP and are left out.
+    The axes are those of the root frame (REP-103), x forward and y to the left, as in messages; the
+    paper's figure is the same turned by 90 degrees. A margin that the problem asks for is dashed.
+    Where an acceleration jumps, so does the ZMP; jumps are thin lines. Intervals on which the
+    machine lifts off have no ZMP and are left out.
 
     Args:
         problem: Gives machine, support polygon and ground.
@@ -61,7 +62,15 @@ def plot_zmp(
         name: [_locus(problem, trajectory, times) for times in sample_times(trajectory)]
         for name, trajectory in trajectories.items()
     }
-    draw_loci(figure, support, problem.gravity_at("start"), loci, window=window, measured=measured)
+    draw_loci(
+        figure,
+        support,
+        problem.gravity_at("start"),
+        loci,
+        margin=problem.margin,
+        window=window,
+        measured=measured,
+    )
     save(figure, path)
 
 
@@ -79,10 +88,11 @@ def draw_loci(
     gravity: Array,
     loci: Mapping[str, Sequence[Array]],
     *,
+    margin: float = 0.0,
     window: float = 0.0,
     measured: str | None = None,
 ) -> None:
-    """Draw support polygon, ZMP loci, the downhill direction, and a legend above them.
+    """Draw support polygon, margin, ZMP loci, the downhill direction, and a legend above them.
 
     Args:
         figure: An empty figure.
@@ -90,21 +100,19 @@ def draw_loci(
         gravity: Gravity in the root frame, shape (3,) [m/s^2]; its horizontal part points downhill.
         loci: ZMP loci by planner; each is a list of pieces without jumps, arrays of shape (K, 2) in
             the root frame [m].
+        margin: Distance from the edges that is asked for, drawn dashed; 0 draws none [m].
         window: Both axes reach from -window to window [m]; 0 fits them to the loci.
         measured: Name of the planner on whose locus d_u and d_l of eq. (21) are drawn; None draws
             none.
     """
     axes = figure.add_subplot()
-    vertices = support.vertices  # (V, 2)
-    axes.plot(
-        *_paper_axes(np.vstack([vertices, vertices[:1]])).T,
-        color="black",
-        linewidth=1.6,
-        label="support polygon",
-    )
+    axes.plot(*_outline(support), color="black", linewidth=1.6, label="support polygon")
+    if margin > 0.0:
+        label = f"margin asked for: {margin:g} m"
+        axes.plot(*_outline(support.inset(margin)), "k--", linewidth=1.0, label=label)
     colours = planner_colours(loci)
     for name, locus in loci.items():
-        _draw_locus(axes, [_paper_axes(piece) for piece in locus], name, colours[name])
+        _draw_locus(axes, locus, name, colours[name])
     for marker, label in ((FIRST, "ZMP initial"), (LAST, "ZMP final")):  # for the legend alone
         axes.plot([], [], "w", marker=marker, linestyle="none", label=label, **MARKER)
     _draw_downhill(axes, gravity)
@@ -113,8 +121,8 @@ def draw_loci(
     if window:
         axes.set(xlim=(-window, window), ylim=(-window, window))
     axes.set_aspect("equal", adjustable="box" if window else "datalim")
-    axes.set_xlabel("x, to the right of the machine [m]")
-    axes.set_ylabel("y, ahead of the machine [m]")
+    axes.set_xlabel("x forward [m]")
+    axes.set_ylabel("y left [m]")
     axes.grid(alpha=0.3)
     figure.legend(loc="outside upper center", ncols=2)
 
@@ -123,8 +131,8 @@ def _draw_locus(axes: Axes, pieces: Sequence[Array], name: str, colour: str) -> 
     """Draw one ZMP locus with markers at its ends; jumps between its pieces are thin lines.
 
     Args:
-        axes: Axes of the paper.
-        pieces: Pieces without jumps, shape (K, 2) each, in the axes of the paper [m].
+        axes: Axes x forward, y left.
+        pieces: Pieces without jumps, shape (K, 2) each, in the root frame [m].
         name: Name of the planner.
         colour: Colour of the locus.
     """
@@ -140,15 +148,19 @@ def _draw_downhill(axes: Axes, gravity: Array) -> None:
     """Draw an arrow from the origin downhill, longer on steeper ground; none on level ground."""
     down = gravity[:2] / np.linalg.norm(gravity)
     if np.linalg.norm(down) > LEVEL:
-        [tip] = _paper_axes(2.0 * down[None])
         axes.annotate(
             "",
-            xy=tip,
+            xy=(2.0 * down[0], 2.0 * down[1]),
             xytext=(0.0, 0.0),
             arrowprops={"arrowstyle": "->", "color": "grey", "linewidth": 1.6},
         )
         axes.annotate(
-            "downhill", xy=(0.0, 0.0), xytext=(6.0, -12.0), textcoords="offset points", color="grey"
+            "downhill",
+            xy=(1.2 * down[0], 1.2 * down[1]),
+            xytext=(6.0, 0.0),
+            textcoords="offset points",
+            va="center",
+            color="grey",
         )
 
 
@@ -159,13 +171,12 @@ def _draw_room(axes: Axes, support: SupportPolygon, point: Array) -> None:
         facing = sign * ahead > SIDEWAYS
         end = point + np.array([sign * float((room[facing] / (sign * ahead[facing])).min()), 0.0])
         arrow = {"arrowstyle": "<->", "color": "dimgrey", "shrinkA": 0.0, "shrinkB": 0.0}
-        [tail], [tip] = _paper_axes(point[None]), _paper_axes(end[None])
-        axes.annotate("", xy=tip, xytext=tail, arrowprops=arrow)
-        axes.annotate(
-            name, xy=0.5 * (tail + tip), xytext=(4.0, 0.0), textcoords="offset points", va="center"
-        )
+        axes.annotate("", xy=(end[0], end[1]), xytext=(point[0], point[1]), arrowprops=arrow)
+        x, y = 0.5 * (point + end)
+        axes.annotate(name, xy=(x, y), xytext=(0.0, 4.0), textcoords="offset points", ha="center")
 
 
-def _paper_axes(points: Array) -> Array:
-    """Points (forward, left) of the root frame as (right, forward), shape (K, 2)."""
-    return np.column_stack([-points[:, 1], points[:, 0]])
+def _outline(support: SupportPolygon) -> tuple[Array, Array]:
+    """Closed outline of a polygon: x and y of its vertices, the first one twice [m]."""
+    x, y = np.vstack([support.vertices, support.vertices[:1]]).T
+    return x, y
