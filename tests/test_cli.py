@@ -158,7 +158,10 @@ def test_json_on_standard_output_is_all_there_is(capsys: pytest.CaptureFixture[s
     assert slew["peak_rate"] <= slew["rate_limit"] + 1e-9
     assert slew["peak_acceleration"] <= slew["acceleration_limit"] + 1e-9
     assert {"python", "zmp-sqp", "pin", "proxsuite"} <= set(result["versions"])
+    assert result["rests_on"]["ground"] == "slope with a roll of -20 and a pitch of 0 degrees"
+    assert "joint torques and forces" in result["rests_on"]["not_looked_at"]
     assert "duration [s]" in captured.err  # people still see the table
+    assert "The verdict rests on" in captured.err
 
 
 def names(row: str) -> list[str]:

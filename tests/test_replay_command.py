@@ -17,6 +17,7 @@ pytestmark = pytest.mark.physics
 MOTION_KEYS = {
     "duration",
     "margin",
+    "nominal_margin",
     "max_tilt",
     "lift",
     "lift_at",
@@ -63,6 +64,9 @@ def test_a_scenario_is_replayed_beside_the_phase_plane(
     assert result["motions"]["planned"]["tipped"] is False
     assert result["motions"]["phase plane"]["tipped"] is True
     assert "mujoco" in result["versions"]
+    assert result["rests_on"]["payload"] == "4,000 kg at (0, 0, 3.323) m of head"
+    assert "The verdict rests on" in printed
+    assert "time step 0.001 s" in " ".join(printed.split())
     strip = tmp_path / "new" / "folder" / "replay.png"
     assert strip.stat().st_size > 5000 if strip.exists() else "no pictures" in printed
     assert not (tmp_path / "new" / "folder" / REPLAY_FILES[-1]).exists()

@@ -26,6 +26,7 @@ from zmp_sqp.planning import Plan, Problem, Trajectory, diagnose, phase_plane, p
 from zmp_sqp.planning.problem.checks import AUTO
 from zmp_sqp.scenario import load_scenario
 from zmp_sqp.scenario.path_constraints import kinds_in_words
+from zmp_sqp.show.basis import Basis, basis_table
 from zmp_sqp.show.guarantees import guarantee_table
 from zmp_sqp.show.joint_plots import joint_unit, plot_joints
 from zmp_sqp.show.results import RESULT_KEYS, make_result
@@ -167,6 +168,7 @@ def run_plan(arguments: argparse.Namespace) -> int:
         console.print(joint_table(result, joint_unit(problem.machine)))
     elif arguments.diagnosis:
         result |= _diagnosis(found, console)
+    console.print(basis_table(Basis.of_problem(problem)))
     console.print(result["message"], style=None if found.success else "bold red", soft_wrap=True)
     if arguments.out is not None:
         lines = _write(arguments.out, found, baseline, result, figures=arguments.figures)

@@ -23,9 +23,11 @@ from zmp_sqp.commands.console import (
 )
 from zmp_sqp.commands.exit_codes import DONE, UNSAFE
 from zmp_sqp.errors import MissingExtra, ScenarioError, TrajectoryError
-from zmp_sqp.planning import Trajectory, certify, phase_plane, plan
+from zmp_sqp.planning import Problem, Trajectory, phase_plane, plan
 from zmp_sqp.scenario import Scenario, load_scenario, shipped_scenarios
-from zmp_sqp.show.tables import new_table
+from zmp_sqp.show.basis import BASIS_KEYS, Basis, basis_fields, basis_table
+from zmp_sqp.show.results import margin_fields
+from zmp_sqp.show.tables import margin_text, new_table
 from zmp_sqp.simulation import Replay, replay
 from zmp_sqp.simulation.engine import load_mujoco
 from zmp_sqp.simulation.pictures import draw_strip, draw_video
@@ -39,6 +41,10 @@ __all__ = ["REPLAY_FILES", "REPLAY_KEYS", "add_replay", "replay_result", "run_re
 # files of `--out`; the last one with --video only
 REPLAY_FILES = ("replay.json", "replay.png", "replay.gif")
 PLANNED, FROM_FILE, BASELINE = "planned", "file", "phase plane"  # names of motions
+SIMULATED = (
+    "the simulation has payload and ground exactly as given, drives the joints exactly, and has "
+    "feet at the corners of the support polygon that do not slip; time step {:g} s"
+)
 DESCRIPTION = """\
 In MuJoCo the machine stands free on the ground, under contact and friction, and follows the motion:
 that of a CSV file; or, for a scenario, the planned motion and beside it the phase-plane baseline,
@@ -50,17 +56,18 @@ examples:
   zmp-sqp replay out/paper_1/trajectory.csv    file that `plan paper_1 --out out/paper_1` wrote
   zmp-sqp replay my.csv --scenario my_machine.toml --video --out out/mine
 """
-REPLAY_KEYS = """\
+REPLAY_KEYS = f"""\
 --json writes one object; SI units, null where there is no value:
   scenario, title  name and title of the scenario
   message          why there is no planned motion; null if there is one
-  motions          by name (planned or file, phase plane): duration; margin (certified, negative
-                   outside); max_tilt [rad]; lift (largest height of a corner of the support
-                   polygon), lift_at (its time), lifted_at (first time above 5 mm); tipped, pivot
-                   (edge over which the machine tips); least_edge_load [N], least_loaded_edge,
-                   least_loads [N] (per corner); slide (largest displacement along the ground);
+  motions          by name (planned or file, phase plane): duration; margin (guaranteed, under all
+                   uncertainties; negative outside); nominal_margin (nothing uncertain);
+                   max_tilt [rad]; lift (largest height of a corner of the support polygon),
+                   lift_at (its time), lifted_at (first time above 5 mm); tipped, pivot (edge over
+                   which the machine tips); least_edge_load [N], least_loaded_edge, least_loads
+                   [N] (per corner); slide (largest displacement along the ground);
                    tracking_error (of the joints); fell (tilted by more than 45 degrees)
-  versions         of zmp-sqp, Python and the packages that the result depends on
+{BASIS_KEYS}  versions         of zmp-sqp, Python and the packages that the result depends on
 """
 
 
@@ -141,16 +148,19 @@ def run_replay(arguments: argparse.Namespace) -> int:
         name: replay(problem.machine, motion, problem.ground, time_step=arguments.time_step)
         for name, motion in motions.items()
     }
+    basis = Basis.of_problem(problem, [SIMULATED.format(arguments.time_step)])
     result: dict[str, Any] = {
         "scenario": scenario.name,
         "title": scenario.title,
         "message": message,
-        "motions": {name: replay_result(found) for name, found in replays.items()},
+        "motions": {name: replay_result(problem, found) for name, found in replays.items()},
+        "rests_on": basis_fields(basis),
         "versions": installed_versions("mujoco"),
     }
     console = make_console(arguments.json)
     console.print(f"{scenario.name}: {scenario.title}", style="bold", soft_wrap=True)
     console.print(_table(result["motions"]))
+    console.print(basis_table(basis))
     if message is not None:
         console.print(message, style="bold red", soft_wrap=True)
     text, out = to_json(result), arguments.out
@@ -164,13 +174,12 @@ def run_replay(arguments: argparse.Namespace) -> int:
     return UNSAFE if message is not None or first.tipped else DONE
 
 
-def replay_result(found: Replay) -> dict[str, Any]:
-    """Numbers of one replay, ready for JSON; `REPLAY_KEYS` explains them."""
+def replay_result(problem: Problem, found: Replay) -> dict[str, Any]:
+    """Numbers of one replay of a problem's motion, for JSON; `REPLAY_KEYS` explains them."""
     support = found.support
-    margin = certify(found.machine, found.trajectory, found.ground).margin
     return {
         "duration": found.trajectory.duration,
-        "margin": margin if np.isfinite(margin) else None,
+        **margin_fields(problem, found.trajectory),
         "max_tilt": found.max_tilt,
         "lift": found.lift,
         "lift_at": found.lift_at,
@@ -260,10 +269,10 @@ def _table(motions: Mapping[str, Mapping[str, Any]]) -> Table:
         table.add_row(label, *(show(motion) for motion in motions.values()))
 
     row("duration [s]", lambda motion: f"{motion['duration']:.3f}")
-    row(
-        "certified stability margin [m]",
-        lambda m: "lifts off" if m["margin"] is None else f"{m['margin'] + 0.0:.4f}",
-    )
+    row("guaranteed stability margin [m]", lambda motion: margin_text(motion["margin"]))
+    if any(motion["margin"] != motion["nominal_margin"] for motion in motions.values()):
+        nominal = "the same, nothing uncertain [m]"
+        row(nominal, lambda motion: margin_text(motion["nominal_margin"]))
     row(
         "maximal tilt [deg]",
         lambda motion: f"{np.degrees(motion['max_tilt']):.3f}" + " (falls)" * motion["fell"],

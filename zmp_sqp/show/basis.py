@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
@@ -13,7 +13,10 @@ from zmp_sqp.mechanics import Heightmap, Machine, Slope
 from zmp_sqp.mechanics.ground import Ground
 from zmp_sqp.planning import PathConstraint, Problem
 
-__all__ = ["BASIS_KEYS", "Basis", "basis_fields", "basis_lines"]
+if TYPE_CHECKING:
+    from rich.table import Table
+
+__all__ = ["BASIS_KEYS", "Basis", "basis_fields", "basis_lines", "basis_table"]
 
 BASIS_KEYS = """\
   rests_on                  what the verdict rests on, in words: machine, ground, payload, margin,
@@ -37,10 +40,11 @@ TOPICS = {
 }
 UNCERTAIN = {
     "tipping_fraction": "the payload divided by {:g}",
-    "payload_uncertainty": "mass and inertia of the payload within {:.3g} of themselves",
-    "slope_uncertainty": "gravity within {:.3g} rad of its direction",
+    "payload_uncertainty": "mass and inertia of the payload off by up to {:.3g} times their value",
+    "slope_uncertainty": "direction of gravity off by up to {:.3g} rad",
 }
 COM = "payload_com_uncertainty"
+TITLE = "The verdict rests on"
 INDENT = 16  # columns of the names in `basis_lines`
 
 
@@ -141,7 +145,24 @@ def basis_fields(basis: Basis) -> dict[str, Any]:
 
 
 def basis_lines(basis: Basis) -> list[str]:
-    """Basis as lines for the terminal, one per attribute that says something."""
+    """Basis as lines of text, one per attribute that says something."""
+    rows = [f"  {head:<{INDENT}}{text}" for head, text in _rows(basis)]
+    return [TITLE, *rows]
+
+
+def basis_table(basis: Basis) -> Table:
+    """Basis for the terminal: `basis_lines`, wrapped within their column."""
+    from rich.table import Table
+
+    table = Table.grid(padding=(0, 2, 0, 2))
+    table.title, table.title_style, table.title_justify = TITLE, "", "left"
+    for head, text in _rows(basis):
+        table.add_row(head, text)
+    return table
+
+
+def _rows(basis: Basis) -> list[tuple[str, str]]:
+    """Name and text of every attribute that says something."""
     words = {
         "machine": basis.machine,
         "ground": basis.ground,
@@ -153,8 +174,7 @@ def basis_lines(basis: Basis) -> list[str]:
     }
     words |= {name: "; ".join(entries) for name, entries in lists.items() if entries}
     heads = {"looked_at": "looked at", "not_looked_at": "not looked at", "exact": "taken as exact"}
-    lines = [f"  {heads.get(name, name):<{INDENT}}{text}" for name, text in words.items()]
-    return ["The verdict rests on", *lines]
+    return [(heads.get(name, name), text) for name, text in words.items()]
 
 
 def _limits(machine: Machine) -> tuple[list[str], list[str]]:
@@ -215,8 +235,8 @@ def _uncertainties_in_words(given: Mapping[str, Any]) -> tuple[str, ...]:
             words.append(text.format(value))
     box = np.atleast_1d(np.asarray(given.get(COM, 0.0), dtype=np.float64))
     if box.any():
-        sides = " x ".join(f"{side:g}" for side in box)
-        words.append(f"centre of mass of the payload within +-{sides} m along each axis")
+        sides = ", ".join(f"{side:g}" for side in box)
+        words.append(f"centre of mass of the payload off by up to ({sides}) m along (x, y, z)")
     return tuple(words)
 
 

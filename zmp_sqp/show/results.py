@@ -10,10 +10,11 @@ import numpy as np
 from zmp_sqp.planning import Plan, Problem, Trajectory, certify
 from zmp_sqp.planning.proof.certificate import certify_for
 from zmp_sqp.scenario import Scenario
+from zmp_sqp.show.basis import BASIS_KEYS, Basis, basis_fields
 from zmp_sqp.show.guarantees import GUARANTEE_KEYS, guarantee_fields
 from zmp_sqp.versions import installed_versions
 
-__all__ = ["RESULT_KEYS", "make_result", "plan_fields"]
+__all__ = ["RESULT_KEYS", "make_result", "margin_fields", "plan_fields"]
 
 RESULT_KEYS = f"""\
 --json writes one object; SI units, null where there is no value:
@@ -36,7 +37,7 @@ RESULT_KEYS = f"""\
   diagnosis                 if no motion was found: largest_payload [kg], steepest_slope [rad]
                             for which one exists; else null
   joints                    by name: peak_rate, rate_limit, peak_acceleration, acceleration_limit
-  versions                  of zmp-sqp, Python and the packages that the result depends on
+{BASIS_KEYS}  versions                  of zmp-sqp, Python and the packages used
 """
 
 
@@ -63,51 +64,45 @@ def make_result(scenario: Scenario, found: Plan, baseline: Trajectory | None) ->
         found: The plan.
         baseline: Phase-plane motion between the plan's start and goal; None if there is none.
     """
+    problem = found.problem
+    nominal = margin_fields(problem, found.trajectory)["nominal_margin"] if found.success else None
+    blind = baseline and {"duration": baseline.duration, **margin_fields(problem, baseline)}
     return {
         "scenario": scenario.name,
         "title": scenario.title,
         **plan_fields(found),
-        "nominal_margin": (
-            _nominal_margin(found.problem, found.trajectory, found.margin)
-            if found.success
-            else None
-        ),
-        "margin_asked": found.problem.margin,
+        "nominal_margin": nominal,
+        "margin_asked": problem.margin,
         "corner": found.certificate.corner,
         "guarantees": guarantee_fields(found.certificate.guarantees),
         "solve_time": found.solve_time,
-        "phase_plane": None if baseline is None else _baseline_result(found.problem, baseline),
+        "phase_plane": blind,
         "diagnosis": None,
-        "joints": _joint_peaks(found.problem, found.trajectory) if found.success else None,
+        "joints": _joint_peaks(problem, found.trajectory) if found.success else None,
+        "rests_on": basis_fields(Basis.of_problem(problem)),
         "versions": installed_versions(),
     }
 
 
-def _baseline_result(problem: Problem, baseline: Trajectory) -> dict[str, float | None]:
-    """Duration [s] and margins [m] of the baseline; None for margins if it lifts off."""
-    guaranteed = certify_for(problem, baseline).margin
-    return {
-        "duration": baseline.duration,
-        "margin": _finite(guaranteed),
-        "nominal_margin": _nominal_margin(problem, baseline, guaranteed),
-    }
-
-
-def _nominal_margin(problem: Problem, motion: Trajectory, guaranteed: float) -> float | None:
-    """Guaranteed margin with payload and slope exactly as given [m]; None if it lifts off.
+def margin_fields(problem: Problem, motion: Trajectory) -> dict[str, float | None]:
+    """Guaranteed margins of a motion, ready for JSON; None where the machine may lift off.
 
     Args:
-        problem: Gives machine, ground and what is uncertain.
+        problem: Gives machine, ground, margin and what is uncertain.
         motion: The motion.
-        guaranteed: Its margin under all uncertainties, which is the same if there are none [m].
+
+    Returns:
+        `margin` under all uncertainties, and `nominal_margin` with payload and slope exactly as
+        given [m].
     """
-    if len(problem.corners(every=True)) == 1:
-        return _finite(guaranteed)
-    return _finite(certify(problem.machine, motion, problem.ground, problem.margin).margin)
-
-
-def _finite(value: float) -> float | None:
-    return value if np.isfinite(value) else None
+    guaranteed = certify_for(problem, motion).margin
+    nominal = guaranteed
+    if len(problem.corners(every=True)) > 1:
+        nominal = certify(problem.machine, motion, problem.ground, problem.margin).margin
+    return {
+        key: value if np.isfinite(value) else None
+        for key, value in (("margin", guaranteed), ("nominal_margin", nominal))
+    }
 
 
 def _joint_peaks(problem: Problem, trajectory: Trajectory) -> dict[str, dict[str, float]]:

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from rich.table import Table
     from rich.text import Text
 
-__all__ = ["history_table", "joint_table", "key_table", "new_table", "summary_table"]
+__all__ = ["history_table", "joint_table", "key_table", "margin_text", "new_table", "summary_table"]
 
 
 def summary_table(result: Mapping[str, Any]) -> Table:
@@ -32,11 +32,12 @@ def summary_table(result: Mapping[str, Any]) -> Table:
             "above the bound [%]",
             _number(100.0 * (result["duration"] / result["lower_bound"] - 1.0), 2),
         )
-    margins = [_margin(one, "margin") for one in (result, baseline)]
-    table.add_row("guaranteed stability margin [m]", *margins)
+    rows = {"guaranteed stability margin [m]": "margin"}
     if result["corner"]:
-        margins = [_margin(one, "nominal_margin") for one in (result, baseline)]
-        table.add_row("the same, nothing uncertain [m]", *margins)
+        rows["the same, nothing uncertain [m]"] = "nominal_margin"
+    for name, key in rows.items():
+        motions = (result, baseline)
+        table.add_row(name, *(margin_text(one[key]) if _there(one) else "-" for one in motions))
     table.add_row("SQP iterations", str(result["iterations"]))
     table.add_row("solve time [ms]", _number(1e3 * result["solve_time"], 1))
     table.add_row("QP solver", result["qp_solver"])
@@ -105,13 +106,14 @@ def _number(value: float | None, digits: int = 4) -> str:
     return "-" if value is None else f"{value:.{digits}f}"
 
 
-def _margin(motion: Mapping[str, Any], key: str) -> str | Text:
-    """Margin of a motion, red if negative or if the machine lifts off; a dash without a motion."""
+def _there(motion: Mapping[str, Any]) -> bool:
+    return motion.get("duration") is not None
+
+
+def margin_text(margin: float | None) -> Text:
+    """Margin [m] as text, red if it is negative or None, which means that the machine lifts off."""
     from rich.text import Text
 
-    if motion.get("duration") is None:
-        return "-"
-    margin = motion[key]
     # adding 0.0 turns -0.0 into 0.0
     text = "lifts off" if margin is None else _number(round(margin, 4) + 0.0)
     return Text(text, style="" if margin is not None and round(margin, 4) >= 0.0 else "bold red")
