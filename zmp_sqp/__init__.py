@@ -6,6 +6,7 @@ The road of the data runs one way: URDF -> Machine -> Problem -> QPs -> Trajecto
 from zmp_sqp.errors import (
     ContactLost,
     MachineError,
+    MachineWarning,
     MissingExtra,
     NotSolved,
     ProblemError,
@@ -71,6 +72,7 @@ __all__ = [
     "JointLimits",
     "Machine",
     "MachineError",
+    "MachineWarning",
     "MissingExtra",
     "NotSolved",
     "PathConstraint",

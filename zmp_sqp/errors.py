@@ -7,6 +7,7 @@ nothing: the returned plan says so in its status.
 __all__ = [
     "ContactLost",
     "MachineError",
+    "MachineWarning",
     "MissingExtra",
     "NotSolved",
     "ProblemError",
@@ -22,6 +23,13 @@ class ZmpSqpError(Exception):
 
 class MachineError(ZmpSqpError):
     """A machine, or part of its description, is invalid: URDF, limits, payload, support, ground."""
+
+
+class MachineWarning(UserWarning):
+    """A machine is taken as it is described, but its description is hardly meant so.
+
+    Examples are an inertia that no body can have, and a support polygon as wide as a street.
+    """
 
 
 class ProblemError(ZmpSqpError):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,7 +17,7 @@ from zmp_sqp.mechanics.bounds.effort_norms import Norms, body_norms, effort_size
 from zmp_sqp.mechanics.wrench import efforts
 
 Array = np.ndarray
-MACHINES = ("feller_buncher", "tree", "slider", "slewing_crane", "permuted")
+MACHINES = ("feller_buncher", "tree", "slider", "slewing_crane", "permuted", "indefinite")
 ROUNDING = 1e-9  # relative
 AXES = {"X": 0, "Y": 1, "Z": 2}
 
@@ -26,11 +27,14 @@ def machine_of(name: str) -> zs.Machine:
     if name == "tree":
         payload = zs.Payload(4000.0, TREE_COM, "head", np.diag([9e3, 8e3, 1e3]))
         return zs.load_machine("feller_buncher").with_payload(payload)
-    if name != "permuted":
+    if name not in ("permuted", "indefinite"):
         return zs.load_machine(name)
-    with TemporaryDirectory() as folder:
+    with TemporaryDirectory() as folder, warnings.catch_warnings():
         path = Path(folder) / "permuted.urdf"
         path.write_text(PERMUTED)
+        if name == "indefinite":  # as large as what the hand's mass and levers add
+            path.write_text(PERMUTED.replace('ixx="0.5"', 'ixx="-90"').replace('"0.7"', '"-60"'))
+            warnings.simplefilter("ignore", zs.MachineWarning)
         return zs.load_machine(path)
 
 

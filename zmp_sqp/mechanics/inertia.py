@@ -1,15 +1,16 @@
-"""Check that a rotational inertia is physically possible."""
+"""Rotational inertias: whether a body can have them, and how large they are."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from zmp_sqp.arrays import Array, frozen_array
 from zmp_sqp.errors import MachineError
 
-__all__ = ["checked_inertia"]
+__all__ = ["checked_inertia", "lacking_moment", "spatial_inertia", "spectral_norm"]
 
 # largest violation of the triangle inequality that counts as rounding of a CAD export, as a
 # fraction of the largest moment (a thin plate has I_1 + I_2 = I_3 exactly)
@@ -52,3 +53,42 @@ def checked_inertia(values: Any, *, name: str, semidefinite: bool = False) -> Ar
             "the largest is more than the sum of the others, so no distribution of mass has it"
         )
     return inertia
+
+
+def lacking_moment(inertia: Array) -> float:
+    r"""Moment that a rotational inertia lacks for being that of a body.
+
+    .. math:: \max(I_3 - I_1 - I_2, 0), \quad I_1 \leq I_2 \leq I_3
+
+    It is zero if and only if the principal moments satisfy the triangle inequality, which implies
+    that none of them is negative.
+
+    Args:
+        inertia: Symmetric matrix, shape (3, 3) [kg m^2].
+
+    Returns:
+        Lacking moment [kg m^2]; errors of rounding count.
+    """
+    least, middle, largest = np.linalg.eigvalsh(inertia)
+    return float(max(largest - middle - least, 0.0))
+
+
+def spectral_norm(inertias: Any) -> Array:
+    """Largest magnitude of the eigenvalues of symmetric matrices (..., 3, 3), shape (...).
+
+    For an inertia tensor I it bounds |I w| <= norm |w|, also where I has negative eigenvalues.
+    """
+    return np.asarray(np.abs(np.linalg.eigvalsh(inertias)[..., [0, -1]]).max(axis=-1))
+
+
+def spatial_inertia(mass: float, com: Array, inertia: Array) -> Any:
+    """Spatial inertia of a body as a `pin.Inertia`, whose constructor refuses indefinite inertias.
+
+    Args:
+        mass: Mass, at least 0 [kg].
+        com: Centre of mass, shape (3,) [m].
+        inertia: Symmetric rotational inertia about the centre of mass, shape (3, 3) [kg m^2].
+    """
+    body = pin.Inertia.Zero()
+    body.mass, body.lever, body.inertia = mass, com, inertia
+    return body

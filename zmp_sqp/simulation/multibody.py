@@ -24,6 +24,9 @@ FOOT_RADIUS = 0.01  # [m] radius of the contact spheres
 DRIVE_INERTIA = 1e5
 # [m^2] moment of inertia added to a body per kg of its mass, because MuJoCo refuses point masses
 LEAST_INERTIA = 1e-9
+# mass of a body that has none, per kg of the machine: MuJoCo refuses massless bodies that move
+LEAST_SHARE = 1e-9
+LEAST_MOMENT = 1e-12  # [kg m^2] moment of inertia below which MuJoCo takes a body for massless
 # time constant [s] and impedance of contacts on rigid ground, which yield by about a micrometre
 RIGID = (0.01, 0.999)
 # impedance of contacts on soft ground: at 0.5, MuJoCo's time constant is that of the contact's
@@ -129,7 +132,7 @@ def _add_bodies(spec: Any, machine: Machine) -> list[Any]:
         placement = model.jointPlacements[joint]
         body = bodies[model.parents[joint]].add_body(name=f"body {joint}", **_pose(placement))
         bodies.append(body)
-        _set_inertia(body, model.inertias[joint])
+        _set_inertia(body, model.inertias[joint], LEAST_SHARE * machine.mass)
         if joint == 1:
             body.add_freejoint(name="root")
             continue
@@ -173,18 +176,19 @@ def _pose(placement: Any) -> dict[str, Any]:
     return {"pos": placement.translation, "quat": [turn.w, turn.x, turn.y, turn.z]}
 
 
-def _set_inertia(body: Any, inertia: Any) -> None:
+def _set_inertia(body: Any, inertia: Any, least_mass: float) -> None:
     """Set the mass properties of a body.
 
-    The moments of inertia are increased just enough for MuJoCo to accept them: all must be
-    positive, and the sum of any two at least the third.
+    Mass and moments of inertia are increased just enough for MuJoCo to accept them: all must be
+    positive, and the sum of any two moments at least the third.
     """
+    mass = max(inertia.mass, least_mass)
     tensor = np.array(inertia.inertia)
     moments = np.linalg.eigvalsh(tensor)  # ascending
-    # violation of the triangle inequality by rounding in CAD files: at most a thousandth
     lacking = max(moments[2] - moments[1] - moments[0], 0.0)
-    tensor += (lacking + LEAST_INERTIA * (inertia.mass + moments[2])) * np.eye(3)
-    body.mass, body.ipos, body.explicitinertial = inertia.mass, inertia.lever, True
+    added = max(LEAST_INERTIA * (mass + np.abs(moments).max()), LEAST_MOMENT)
+    tensor += (lacking + added) * np.eye(3)
+    body.mass, body.ipos, body.explicitinertial = mass, inertia.lever, True
     body.fullinertia = [*np.diag(tensor), tensor[0, 1], tensor[0, 2], tensor[1, 2]]
 
 

@@ -36,6 +36,7 @@ import numpy as np
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.mechanics.bounds.norms import ORDERS, Bounds, leibniz, turning
+from zmp_sqp.mechanics.inertia import spectral_norm
 from zmp_sqp.mechanics.machine import Machine
 
 __all__ = [
@@ -181,7 +182,7 @@ def _link_bounds(
     drive, spin = (list(part) for part in (np.zeros((2, 4, count)) if base is None else base))
     still, unit = [zero] * ORDERS, turning(spin)
     world = _Link(0, 0.0, unit, still, still, still, spin, unit, [], [])
-    largest = np.linalg.eigvalsh([body.inertia for body in model.inertias])[:, -1]
+    largest = spectral_norm([body.inertia for body in model.inertias])
     links = [world]
     for joint in range(1, model.njoints):
         parent = model.parents[joint]

@@ -37,6 +37,7 @@ import numpy as np
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.mechanics.bounds.effort_bounds import EffortBound, is_prismatic
+from zmp_sqp.mechanics.inertia import spectral_norm
 from zmp_sqp.mechanics.machine import Machine
 
 __all__ = ["BodyNorms", "Norms", "body_norms", "effort_size"]
@@ -53,7 +54,7 @@ class BodyNorms:
         offset: Distance from the joint before, at coordinate zero [m].
         mass: Mass m [kg].
         first_moment: m times the distance of their centre of mass from the joint [kg m].
-        inertia: Largest moment of inertia about the joint [kg m^2].
+        inertia: Spectral norm of the inertia about the joint [kg m^2].
     """
 
     parent: int
@@ -103,8 +104,8 @@ def _body_norms(machines: tuple[Machine, ...]) -> tuple[BodyNorms, ...]:
     inertias = [list(machine.model.inertias)[1:] for machine in machines]
     mass = np.array([[body.mass for body in row] for row in inertias])
     lever = np.linalg.norm([[body.lever for body in row] for row in inertias], axis=2)
-    about_com = np.linalg.eigvalsh([[body.inertia for body in row] for row in inertias])[:, :, -1]
-    largest = (mass, mass * lever, np.maximum(about_com, 0.0) + mass * lever**2)
+    about_com = spectral_norm([[body.inertia for body in row] for row in inertias])
+    largest = (mass, mass * lever, about_com + mass * lever**2)
     bodies = np.stack([part.max(axis=0) for part in largest], axis=1)
     return tuple(
         BodyNorms(

@@ -40,7 +40,7 @@ class UrdfDescription:
     Attributes:
         name: Name of the robot.
         root: Name of the root link.
-        bodies: Mass properties of the links that have mass, by name of the link.
+        bodies: Mass properties of the links that have an <inertial>, by name of the link.
         joints: All joints, in the order of the file.
         shapes: Collision shapes of every link, by name of the link.
         xml: URDF for Pinocchio, without visual and collision elements.
@@ -87,7 +87,6 @@ def read_description(content: bytes) -> UrdfDescription:
     bodies = {
         link.attrib["name"]: read_body(link) for link in links if link.find("inertial") is not None
     }
-    _check_moving_mass(bodies, chain)
     shapes = {
         link.attrib["name"]: tuple(map(read_shape, link.findall("collision/geometry/..")))
         for link in links
@@ -173,25 +172,6 @@ def _root(links: list[str], joints: Iterable[Joint]) -> str:
                 raise MachineError(f"link {link!r} hangs on a loop of joints")
             seen.add(at)
     return roots[0]
-
-
-def _check_moving_mass(bodies: Mapping[str, Body], joints: Iterable[Joint]) -> None:
-    """Raise MachineError if a joint moves a link that has no mass.
-
-    A forgotten <inertial> would make an unsafe motion look safe.
-    """
-    carrier = {joint.child: joint.parent for joint in joints if joint.kind == "fixed"}
-    heavy = set()
-    for link in bodies:
-        while link in carrier:
-            link = carrier[link]
-        heavy.add(link)
-    for joint in joints:
-        if joint.kind != "fixed" and joint.child not in heavy:
-            raise MachineError(
-                f"link {joint.child!r} moves with joint {joint.name!r} but has no mass: "
-                "give it an <inertial>"
-            )
 
 
 def _for_pinocchio(robot: ET.Element) -> str:

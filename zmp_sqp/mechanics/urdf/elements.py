@@ -11,7 +11,6 @@ import pinocchio as pin
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.errors import MachineError
-from zmp_sqp.mechanics.inertia import checked_inertia
 
 __all__ = [
     "MOVABLE",
@@ -172,8 +171,10 @@ def read_joint(element: ET.Element) -> Joint:
 def read_body(link: ET.Element) -> Body:
     """Mass properties of a <link> element that has an <inertial>.
 
+    The inertia is taken as it is, also if no body can have it.
+
     Raises:
-        MachineError: Mass missing or not positive, or inertia missing or impossible for any body;
+        MachineError: Mass missing or negative, inertia missing, or a number that is not finite;
             the message names the link.
     """
     where, inertial = spell(link), link.find("inertial")
@@ -181,15 +182,15 @@ def read_body(link: ET.Element) -> Body:
     if "mass" not in parts:
         raise MachineError(f"{where}: its <inertial> has no <mass>")
     mass = numbers(parts["mass"], "value", 1, where)[0]
-    if mass <= 0.0:
-        raise MachineError(f"{where}: mass must be positive, not {mass} kg")
+    if mass < 0.0:
+        raise MachineError(f"{where}: mass must not be negative, not {mass} kg")
     if "inertia" not in parts:
         raise MachineError(f"{where}: its <inertial> has no <inertia>")
     xx, xy, xz, yy, yz, zz = (
         numbers(parts["inertia"], key, 1, where)[0]
         for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
     )
-    own_axes = checked_inertia([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], name=f"{where}: inertia")
+    own_axes = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     rotation, translation = _origin(parts.get("origin"), where)
     return Body(mass, translation, rotation @ own_axes @ rotation.T)
 

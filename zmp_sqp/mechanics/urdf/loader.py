@@ -6,6 +6,7 @@ import os
 import sys
 import tempfile
 import threading
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,7 +16,8 @@ import numpy as np
 import pinocchio as pin
 
 from zmp_sqp.arrays import shortened
-from zmp_sqp.errors import MachineError
+from zmp_sqp.errors import MachineError, MachineWarning
+from zmp_sqp.mechanics.inertia import spatial_inertia
 from zmp_sqp.mechanics.limits import JointLimits
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.support import SupportPolygon
@@ -23,6 +25,7 @@ from zmp_sqp.mechanics.urdf.description import UrdfDescription, read_description
 from zmp_sqp.mechanics.urdf.elements import MOVABLE
 from zmp_sqp.mechanics.urdf.footprint import footprint, footprint_of_links
 from zmp_sqp.mechanics.urdf.limits_yaml import read_joint_limits
+from zmp_sqp.mechanics.urdf.plausibility import massless_chains, unphysical_inertias
 
 __all__ = ["load_machine", "shipped_machines"]
 
@@ -35,6 +38,7 @@ def load_machine(
     *,
     support: SupportPolygon | str | Sequence[str] | None = None,
     limits: str | os.PathLike[str] | Mapping[str, Any] | None = None,
+    strict: bool = False,
 ) -> Machine:
     """Load a machine from a URDF file.
 
@@ -53,6 +57,10 @@ def load_machine(
         limits: Path of a joint_limits.yaml to be read instead of the one in the folder of the URDF;
             or a mapping such as {"acceleration": 0.4} or {"velocity": {"slew": 0.8}} that replaces
             single limits read from these files.
+        strict: Whether to refuse inertias that no body can have.
+
+    Links without mass or without <inertial> are taken as such. Inertias that no body can have are
+    used as given, with a `MachineWarning` if that shifts the ZMP by more than rounding does.
 
     Raises:
         MachineError: Invalid file, limits or support; the message names the file, and the link,
@@ -70,8 +78,7 @@ def load_machine(
     except MachineError as fault:
         raise MachineError(f"{path}: {fault}") from None
     movable = [joint for joint in description.joints if joint.kind in MOVABLE]
-    if not movable:
-        raise MachineError(f"{path}: no movable joint: there is nothing to plan")
+    _judge(description, {joint.name for joint in movable}, path, strict=strict)
     names = tuple(joint.name for joint in movable)
     found = [model.joints[model.getJointId(name)] for name in names]
     return Machine(
@@ -120,6 +127,16 @@ def _locate(source: str | os.PathLike[str]) -> Path:
     raise MachineError(f"there is no file {path}")
 
 
+def _judge(description: UrdfDescription, planned: set[str], path: Path, *, strict: bool) -> None:
+    """Warn of masses and inertias that are hardly meant so; raise MachineError if strict."""
+    impossible = unphysical_inertias(description.bodies)
+    if impossible and strict:
+        raise MachineError(f"{path}: {impossible}")
+    for said in (impossible, massless_chains(description.bodies, description.joints, planned)):
+        if said:
+            warnings.warn(f"{path}: {said}", MachineWarning, stacklevel=3)
+
+
 def _build(description: UrdfDescription) -> Any:
     """Pinocchio model on a free-flyer root, without gravity; every link's frame has its inertia."""
     taken = {joint.name for joint in description.joints}
@@ -152,7 +169,9 @@ def _build(description: UrdfDescription) -> Any:
     for frame in model.frames:
         body = description.bodies.get(frame.name) if frame.type == pin.FrameType.BODY else None
         frame.inertia = (
-            pin.Inertia.Zero() if body is None else pin.Inertia(body.mass, body.com, body.inertia)
+            pin.Inertia.Zero()
+            if body is None
+            else spatial_inertia(body.mass, body.com, body.inertia)
         )
     return model
 

@@ -22,6 +22,7 @@ __all__ = [
     "Range",
     "check_boundary_state",
     "check_limits",
+    "check_plannable",
     "check_simplified",
     "checked_in_range",
     "checked_intervals",
@@ -92,6 +93,23 @@ def checked_intervals(given: object, joints: int) -> int | str:
             f"not {shortened(given)}"
         )
     return int(given)
+
+
+def check_plannable(machine: Machine) -> None:
+    """Refuse a machine that has no planned joint, or no mass.
+
+    Raises:
+        ProblemError: The message names the machine.
+    """
+    if not machine.size:
+        raise ProblemError(
+            f"machine {machine.name!r} has no movable joint: there is nothing to plan"
+        )
+    if machine.mass <= 0.0:
+        raise ProblemError(
+            f"machine {machine.name!r} has no mass, and so no zero moment point: "
+            "give its links an <inertial>"
+        )
 
 
 def check_limits(machine: Machine) -> None:

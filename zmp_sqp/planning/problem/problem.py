@@ -23,6 +23,7 @@ from zmp_sqp.planning.problem.checks import (
     UNCERTAINTIES,
     check_boundary_state,
     check_limits,
+    check_plannable,
     check_simplified,
     checked_in_range,
     checked_intervals,
@@ -117,6 +118,7 @@ class Problem:
             raise ProblemError(
                 f"machine must be a Machine (see load_machine), not {type(self.machine).__name__}"
             )
+        check_plannable(self.machine)
         if isinstance(self.ground, type) or not isinstance(self.ground, Ground):
             raise ProblemError(
                 "ground must be a Slope, a Heightmap, or an object with their method "
