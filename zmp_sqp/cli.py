@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from zmp_sqp import __version__
 from zmp_sqp.commands.check import add_check
 from zmp_sqp.commands.exit_codes import BAD_INPUT, BROKEN_PIPE, EXIT_CODES, INTERRUPTED
+from zmp_sqp.commands.inspect import add_inspect
 from zmp_sqp.commands.paper import add_paper
 from zmp_sqp.commands.plan import add_plan
 from zmp_sqp.commands.replay import add_replay
@@ -69,6 +70,7 @@ def _parser() -> argparse.ArgumentParser:
     add_paper(commands)
     add_check(commands)
     add_replay(commands, shipped)
+    add_inspect(commands)
     return parser
 
 

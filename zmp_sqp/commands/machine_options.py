@@ -15,7 +15,7 @@ import numpy as np
 from zmp_sqp.errors import MachineError
 from zmp_sqp.mechanics import Heightmap, Machine, Slope, shipped_machines
 from zmp_sqp.scenario.scene import build_ground, build_machine, build_uncertainties
-from zmp_sqp.scenario.schema import HEIGHTMAP, PAYLOAD
+from zmp_sqp.scenario.schema import HEIGHTMAP, PAYLOAD, did_you_mean
 
 __all__ = [
     "add_ground_options",
@@ -162,6 +162,13 @@ def machine_of(arguments: argparse.Namespace) -> Machine:
             cannot be used.
     """
     source = "name" if arguments.urdf in shipped_machines() else "urdf"
+    path = Path(arguments.urdf)
+    if source == "urdf" and path.name == arguments.urdf and not path.suffix and not path.exists():
+        shipped = shipped_machines()
+        raise MachineError(
+            f"there is no machine {arguments.urdf!r}{did_you_mean(arguments.urdf, shipped)}; "
+            f"machines are {', '.join(shipped)}, or give the path of a URDF"
+        )
     table: dict[str, Any] = {source: arguments.urdf, "point_masses": arguments.point_masses}
     if arguments.contact_links is not None:
         table["contact_links"] = arguments.contact_links

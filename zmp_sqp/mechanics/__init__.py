@@ -6,6 +6,7 @@ here depends on optimisation.
 
 from zmp_sqp.mechanics.ground import GRAVITY, Ground, Slope, Terrain
 from zmp_sqp.mechanics.ground_motion import GroundMotion, GroundRates
+from zmp_sqp.mechanics.inspection import Inspection, inspect
 from zmp_sqp.mechanics.limits import JointLimits
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.payload import Payload
@@ -22,6 +23,7 @@ __all__ = [
     "GroundMotion",
     "GroundRates",
     "Heightmap",
+    "Inspection",
     "JointLimits",
     "Machine",
     "Payload",
@@ -32,6 +34,7 @@ __all__ = [
     "WrenchDerivatives",
     "ground_reaction",
     "ground_reaction_derivatives",
+    "inspect",
     "load_machine",
     "shipped_machines",
     "stability_margin",

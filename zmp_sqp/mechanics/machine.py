@@ -13,6 +13,7 @@ from zmp_sqp.arrays import Array, Indices, finite_number, frozen_array
 from zmp_sqp.errors import MachineError
 from zmp_sqp.mechanics.limits import JointLimits
 from zmp_sqp.mechanics.payload import Payload
+from zmp_sqp.mechanics.summary import joint_lines, mass_text, support_text
 from zmp_sqp.mechanics.support import SupportPolygon
 
 __all__ = ["Machine"]
@@ -48,6 +49,19 @@ class Machine:
     index_q: Indices = field(repr=False)
     index_v: Indices = field(repr=False)
     continuous: tuple[bool, ...] = field(repr=False)
+
+    def __str__(self) -> str:
+        """Name, mass, support polygon, and the planned joints with their units and limits."""
+        carried = self.payload_mass
+        load = f", of which {mass_text(carried)} payload" if carried > 0.0 else ""
+        joints = f"{self.size} planned joint{'s' if self.size > 1 else ''}"
+        return "\n".join(
+            (
+                f"{self.name}: {mass_text(self.mass)}{load}, {joints}",
+                support_text(self.support),
+                *joint_lines(self.joint_names, self.joint_units, self.limits),
+            )
+        )
 
     @property
     def size(self) -> int:
