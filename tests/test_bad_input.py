@@ -736,7 +736,7 @@ def test_payloads_of_extreme_mass_end_in_a_plan_or_an_error(mass: float) -> None
         ("[motion]\nstart = [0]\ngoal = [0]", "machine"),
         ("[machine]\nname = 'feller_buncher'\nspeed = 3\n[motion]\nstart=[0]\ngoal=[0]", "speed"),
         ("[machine]\nname = 'feller_buncher'\n[motion]\nstart=[0]\ngoal=[0]", "start"),
-        ("[machine]\nname = 'excavator'\n[motion]\nstart=[0]\ngoal=[0]", "excavator"),
+        ("[machine]\nname = 'bulldozer'\n[motion]\nstart=[0]\ngoal=[0]", "bulldozer"),
         ("title = 3", "title"),
         ("title = ", "TOML"),
         ("colour = 'red'", "colour"),

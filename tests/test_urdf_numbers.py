@@ -11,7 +11,8 @@ import pytest
 import yaml
 
 URDF = Path(__file__).resolve().parents[1] / "urdf"
-NAMES = ("feller_buncher", "slider", "slewing_crane")
+OURS = ("excavator", "forwarder_crane", "mobile_manipulator")
+NAMES = ("feller_buncher", "slider", "slewing_crane", *OURS)
 ROUNDING = 1e-6  # [kg m^2], six decimals in the file
 
 
@@ -185,7 +186,15 @@ def test_the_slewing_crane_moves_the_zmp_as_its_quadrature_says(rate, accelerati
 
 @pytest.mark.physics
 @pytest.mark.parametrize(
-    ("name", "mass"), [("feller_buncher", 23650.0), ("slider", 1100.0), ("slewing_crane", 2000.0)]
+    ("name", "mass"),
+    [
+        ("feller_buncher", 23650.0),
+        ("slider", 1100.0),
+        ("slewing_crane", 2000.0),
+        ("excavator", 22500.0),
+        ("forwarder_crane", 17880.0),
+        ("mobile_manipulator", 119.104),
+    ],
 )
 def test_mujoco_sees_the_same_mass(name, mass):
     mujoco = pytest.importorskip("mujoco")

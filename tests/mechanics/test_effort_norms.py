@@ -17,7 +17,8 @@ from zmp_sqp.mechanics.bounds.effort_norms import Norms, body_norms, effort_size
 from zmp_sqp.mechanics.wrench import efforts
 
 Array = np.ndarray
-MACHINES = ("feller_buncher", "tree", "slider", "slewing_crane", "permuted", "indefinite")
+OURS = ("excavator", "forwarder_crane", "mobile_manipulator")
+MACHINES = ("feller_buncher", "tree", "slider", "slewing_crane", "permuted", "indefinite", *OURS)
 ROUNDING = 1e-9  # relative
 AXES = {"X": 0, "Y": 1, "Z": 2}
 

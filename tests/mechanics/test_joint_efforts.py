@@ -20,7 +20,8 @@ from zmp_sqp.mechanics.urdf.loader import load_machine
 from zmp_sqp.mechanics.wrench import WRENCH, effort_derivatives, efforts
 
 URDF = Path(__file__).resolve().parents[2] / "urdf"
-MACHINES = ("feller_buncher", "slewing_crane", "slider")
+OURS = ("excavator", "forwarder_crane", "mobile_manipulator")
+MACHINES = ("feller_buncher", "slewing_crane", "slider", *OURS)
 # eighth-order second difference
 WEIGHTS = np.array([-1 / 560, 8 / 315, -1 / 5, 8 / 5, -205 / 72, 8 / 5, -1 / 5, 8 / 315, -1 / 560])
 
@@ -92,6 +93,8 @@ def states_of(q: np.ndarray, v: np.ndarray, a: np.ndarray, j: np.ndarray, t: np.
 
 def loaded_machine(name: str) -> Machine:
     machine = load_machine(name)
+    if name == "mobile_manipulator":  # beside its last axis, which would have no load otherwise
+        return machine.with_payload(Payload(10.0, (0.1, 0.0, 0.2), "tool"))
     if name != "feller_buncher":
         return machine
     return machine.with_payload(Payload(4000.0, (0.0, 0.3, 3.3), "head", np.diag([2e4, 2e4, 1e2])))

@@ -70,7 +70,7 @@ def test_a_path_and_a_name_give_the_same_machine() -> None:
 @pytest.mark.parametrize(
     ("source", "named"),
     [
-        ("feller_bunhcer", "no machine 'feller_bunhcer'; machines are feller_buncher"),
+        ("feller_bunhcer", "no machine 'feller_bunhcer'; machines are excavator, feller_buncher"),
         ("none/arm.urdf", "no file none/arm.urdf"),
         ("arm.urdf", "no file arm.urdf"),
         (Path("arm"), "no file arm"),

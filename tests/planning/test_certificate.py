@@ -34,6 +34,7 @@ ROUNDING = 1e-12  # relative to the larger of one metre and the margin itself
 LOOSE = 3e-4  # [m] that a guarantee may fall short of the truth
 EXACT = 1e-9
 SPEEDS = {"slow": 0.02, "ordinary": 0.6, "fast": 4.0, "violent": 20.0}  # [rad/s or m/s]
+OURS = ("excavator", "forwarder_crane", "mobile_manipulator")
 MACHINES = (
     "feller_buncher",
     "rigid",
@@ -42,6 +43,7 @@ MACHINES = (
     "slewing_crane",
     "permuted",
     "permuted with payload",
+    *OURS,
 )
 LEVEL = zs.Slope()
 
