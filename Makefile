@@ -37,6 +37,7 @@ bench: venv  ## speed, robustness, comparisons with IPOPT and MuJoCo, printed as
 	$(BIN)/python -m benchmarks.driving_problems
 	$(BIN)/python -m benchmarks.terrain_drives
 	$(BIN)/python -m benchmarks.robust_problems
+	$(BIN)/python -m benchmarks.machine_moves
 	$(BIN)/python -m benchmarks.certificate
 	$(BIN)/python -m benchmarks.memory
 	$(BIN)/python -m benchmarks.peer_ipopt

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 import zmp_sqp as zs
+from benchmarks.problems.machines import KINDS, WIDE, random_move
 from tests.planning.test_certificate import margins
 from tests.test_machines import PAGE, STICK, effort, machine_of, tipping_load
 from zmp_sqp.cli import main
@@ -22,8 +25,9 @@ SCENARIOS = (
     "forwarder_downhill",
     "mobile_manipulator_shelf",
 )
-# a polygon that nothing tips over, so that joint and torque limits alone are left
-WIDE = zs.SupportPolygon([[-50.0, -50.0], [50.0, -50.0], [50.0, 50.0], [-50.0, 50.0]])
+MOVES = Path(__file__).resolve().parents[1] / "benchmarks" / "results" / "machine_moves.json"
+ROUNDING = 1e-9  # [m]
+SAME = 2e-3  # share by which two local optima on 50 intervals may differ
 
 
 @cache
@@ -124,3 +128,29 @@ def test_scenarios_plan_from_the_command_line(
 ) -> None:
     assert main(["plan", name]) == 0
     assert f"{name}:" in capsys.readouterr().out
+
+
+def test_the_pages_table_of_random_moves_is_the_recorded_one() -> None:
+    recorded = json.loads(MOVES.read_text(encoding="utf-8"))
+    for name in KINDS:
+        found = recorded[name]
+        cells = (
+            f"| `{name}` | {found['solved']} of {found['count']} | {found['tip-over costs > 5 %']} "
+            f"| {found['largest cost [%]']} | {found['torques cost > 5 %']} "
+            f"| {found['time, median [F]']:.0f}, {found['time, max [F]']:.0f} |"
+        )
+        assert cells in PAGE
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("name", sorted(KINDS))
+def test_random_moves_are_certified_and_stand_by_another_model(name: str, seed: int) -> None:
+    problem = random_move(name, seed)
+    plan = zs.plan(problem)
+    assert plan.success
+    assert all(found.proven for found in plan.certificate.guarantees)
+    q, v, a = plan.trajectory(np.linspace(0.0, plan.duration, 500))
+    least = margins(problem.machine, q, v, a, problem.ground.gravity()).min()
+    assert least >= plan.certificate.margin - ROUNDING
+    free = zs.plan(replace(problem, machine=problem.machine.with_support(WIDE)))
+    assert plan.duration > free.duration * (1.0 - SAME)  # tip-over does not make it faster

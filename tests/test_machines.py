@@ -250,7 +250,7 @@ def excavator_levers(q: Array) -> list[tuple[float, float]]:
         *SLEWING,
         (2030.0, along(boom, 2.76, 0.52)),
         (1100.0, elbow + along(boom + stick, 0.94, 0.24)),
-        (970.0, pin + along(boom + stick + bucket, 0.60, 0.18)),
+        (970.0, pin + along(boom + stick + bucket, 0.60, 0.30)),
     ]
 
 
