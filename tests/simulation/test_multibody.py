@@ -20,6 +20,7 @@ pytestmark = pytest.mark.physics
 # relative: two engines on the same numbers; bodies get a billionth of their inertia on top
 ENGINES = 1e-7
 STATIC = 1e-5  # [m] issue 5: static ZMP from contact forces against ours
+OURS = ("excavator", "forwarder_crane", "mobile_manipulator")
 ODD = """<robot name="odd">
   <link name="base"><inertial><origin xyz="0.1 0 0.3"/><mass value="400"/>
     <inertia ixx="30" ixy="2" ixz="1" iyy="40" iyz="-1" izz="50"/></inertial></link>
@@ -50,10 +51,11 @@ def machines(folder: Path) -> dict[str, zs.Machine]:
         "slider": zs.load_machine("slider", support=foot),
         "loaded": loaded,
         "points": loaded.with_point_masses(),
+        **{name: zs.load_machine(name) for name in OURS},
     }
 
 
-@pytest.mark.parametrize("name", ["odd", "crane", "slider", "loaded", "points"])
+@pytest.mark.parametrize("name", ["odd", "crane", "slider", "loaded", "points", *OURS])
 def test_inertia_and_bias_forces_are_pinocchios(tmp_path: Path, name: str) -> None:
     machine, slope = machines(tmp_path)[name], zs.Slope(roll=-0.3, pitch=0.2)
     model = multibody_spec(machine, slope, time_step=1e-3, friction=(1.0, 1.0)).compile()
