@@ -15,7 +15,7 @@ from zmp_sqp.commands.inspect import add_inspect
 from zmp_sqp.commands.paper import add_paper
 from zmp_sqp.commands.plan import add_plan
 from zmp_sqp.commands.replay import add_replay
-from zmp_sqp.errors import ZmpSqpError
+from zmp_sqp.errors import ZmpSqpError, in_keys
 from zmp_sqp.scenario import shipped_scenarios
 
 __all__ = ["main"]
@@ -46,7 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return BROKEN_PIPE
     except ZmpSqpError as error:
-        complaint = str(error)
+        complaint = in_keys(str(error))
     except OSError as error:
         complaint = f"{error.filename}: {error.strerror}" if error.filename else str(error)
     print(f"zmp-sqp: error: {complaint}", file=sys.stderr)

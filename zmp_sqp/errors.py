@@ -4,7 +4,13 @@ Wrong input raises one of these at once. A well-posed problem for which no motio
 nothing: the returned plan says so in its status.
 """
 
+from typing import NamedTuple
+
 __all__ = [
+    "GIVE_EFFORT",
+    "GIVE_LIMITS",
+    "GIVE_SUPPORT",
+    "HOLD",
     "ContactLost",
     "MachineError",
     "MachineWarning",
@@ -14,6 +20,7 @@ __all__ = [
     "ScenarioError",
     "TrajectoryError",
     "ZmpSqpError",
+    "in_keys",
 ]
 
 
@@ -54,3 +61,41 @@ class MissingExtra(ZmpSqpError):
 
 class NotSolved(ZmpSqpError):
     """An unsuccessful plan was asked for its trajectory; the message is the plan's diagnosis."""
+
+
+class Advice(NamedTuple):
+    """What to do about an error, which callers of a function do otherwise than users of a file.
+
+    Attributes:
+        arguments: Advice in terms of functions and their arguments, as in messages.
+        keys: Advice in terms of keys of scenario files and options of the command line.
+    """
+
+    arguments: str
+    keys: str
+
+
+GIVE_SUPPORT = Advice(
+    "give one as support= of load_machine, either a SupportPolygon or the names of the links that "
+    "stand on the ground",
+    "give one by support or contact_links in [machine] (zmp-sqp check: --contact-links)",
+)
+GIVE_LIMITS = Advice(
+    "give limits= to load_machine, or put a joint_limits.yaml beside the URDF",
+    "give [machine.limits], or put a joint_limits.yaml beside the URDF",
+)
+GIVE_EFFORT = Advice(
+    "give <limit effort=...> in the URDF, or limits={'effort': ...} to load_machine",
+    "give <limit effort=...> in the URDF, or effort in [machine.limits]",
+)
+HOLD = Advice(
+    "a joint that shall not move is left out of planning by hold= of load_machine",
+    "a joint that shall not move is left out of planning by hold in [machine]",
+)
+
+
+def in_keys(message: str) -> str:
+    """Message whose advice is given in keys of files and options instead of arguments."""
+    for advice in (GIVE_SUPPORT, GIVE_LIMITS, GIVE_EFFORT, HOLD):
+        message = message.replace(advice.arguments, advice.keys)
+    return message

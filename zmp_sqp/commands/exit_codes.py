@@ -10,5 +10,6 @@ EXIT_CODES = """\
 exit codes:
   0  done, and the motion is safe
   1  no motion was found, or it is unsafe; the diagnosis is printed
-  2  bad input, or start or goal tips over at rest; one sentence on standard error says what
+  2  bad input, or a start or goal at which the machine tips over, misses the margin or breaks a
+     limit at rest; one sentence on standard error says which
 """

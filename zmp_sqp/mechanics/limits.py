@@ -8,14 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from zmp_sqp.arrays import Array, finite_number, frozen_array
-from zmp_sqp.errors import MachineError
+from zmp_sqp.arrays import Array, distinct_texts, finite_number, frozen_array
+from zmp_sqp.errors import HOLD, MachineError
 
-__all__ = ["JointLimits"]
+__all__ = ["LIMIT_TOLERANCE", "JointLimits", "position_fault"]
 
 POSITIONS = ("position_lower", "position_upper")
 RATES = ("velocity", "acceleration", "effort")
 KEYS = POSITIONS + RATES
+LIMIT_TOLERANCE = 1e-9  # [rad or m] distance outside a limit that counts as rounding
+FULL_TURN = 2.0 * np.pi  # [rad] larger angles may be meant in degrees
 NEEDED = (*POSITIONS, "velocity", "acceleration")  # limits that planning cannot do without
 
 
@@ -117,6 +119,25 @@ class JointLimits:
         }
 
 
+def position_fault(joint: str, value: float, *, lower: float, upper: float, unit: str) -> str:
+    """Words about a coordinate outside its limits, to follow "start" or "goal"; empty if inside.
+
+    Args:
+        joint: Name of the joint.
+        value: Coordinate of the joint [rad or m].
+        lower, upper: Position limits; a limit that is NaN is not given and does not count.
+        unit: Unit of the coordinate.
+    """
+    if not (value < lower - LIMIT_TOLERANCE or value > upper + LIMIT_TOLERANCE):
+        return ""
+    shown, least, most = distinct_texts(value, lower, upper)
+    words = f"of joint {joint!r} is {shown}, outside its limits [{least}, {most}] {unit}"
+    radians = np.radians(value)
+    if unit == "rad" and abs(value) > FULL_TURN and lower <= radians <= upper:
+        words += f"; if it is meant in degrees, it is {radians:.4g} rad"
+    return words
+
+
 def _hint_on_order(key: str, joint_names: Sequence[str]) -> str:
     """Hint for users who wrote {joint: {limit: ...}}; empty if `key` is not the name of a joint."""
     if key not in joint_names:
@@ -165,9 +186,10 @@ def _check(values: Mapping[str, Array], joints: Sequence[str] | range) -> None:
     """
     for key in RATES:
         for i in np.flatnonzero((values[key] <= 0.0) | np.isinf(values[key])).tolist():
+            advice = f": {HOLD.arguments}" if values[key][i] == 0.0 else ""
             raise MachineError(
                 f"{_spell(key)} limit of joint {joints[i]!r} must be positive and finite, "
-                f"not {values[key][i]}"
+                f"not {values[key][i]}{advice}"
             )
     lower, upper = values["position_lower"], values["position_upper"]
     for i in np.flatnonzero((lower > upper) | (lower == np.inf) | (upper == -np.inf)).tolist():

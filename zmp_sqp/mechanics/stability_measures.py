@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from zmp_sqp.arrays import Array
-from zmp_sqp.errors import MachineError
+from zmp_sqp.errors import GIVE_SUPPORT, MachineError
 from zmp_sqp.mechanics.ground import Ground
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.support import SupportPolygon
@@ -88,8 +88,7 @@ def measures_of_wrench(
     support = machine.support
     if support is None:
         raise MachineError(
-            f"machine {machine.name!r} has no support polygon: "
-            "give one by support=... or with_support"
+            f"machine {machine.name!r} has no support polygon: {GIVE_SUPPORT.arguments}"
         )
     points = zmp_of_wrench(wrench, support.height)
     middle = _centroid(support)

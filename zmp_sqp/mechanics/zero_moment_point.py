@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from zmp_sqp.arrays import Array, frozen_array
-from zmp_sqp.errors import ContactLost, MachineError
+from zmp_sqp.errors import GIVE_SUPPORT, ContactLost, MachineError
 from zmp_sqp.mechanics.ground import Ground
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.wrench import ground_reaction
@@ -87,8 +87,7 @@ def stability_margin(machine: Machine, q: Any, v: Any, a: Any, ground: Ground) -
     points = zmp(machine, q, v, a, ground)
     if machine.support is None:
         raise MachineError(
-            f"machine {machine.name!r} has no support polygon: "
-            "give one by support=... or with_support"
+            f"machine {machine.name!r} has no support polygon: {GIVE_SUPPORT.arguments}"
         )
     return machine.support.signed_distance(points)
 

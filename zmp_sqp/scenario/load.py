@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from zmp_sqp.arrays import Array
-from zmp_sqp.errors import ScenarioError, ZmpSqpError
+from zmp_sqp.errors import ScenarioError, ZmpSqpError, in_keys
 from zmp_sqp.mechanics import Machine, shipped_machines
 from zmp_sqp.planning import Problem, UnicycleBase
 from zmp_sqp.scenario.path_constraints import build_constraints
@@ -77,7 +77,7 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
         check_table(content, SCHEMA)
         problem = _build_problem(content, path.parent)
     except ZmpSqpError as cause:
-        raise ScenarioError(f"{path}: {cause}") from cause
+        raise ScenarioError(f"{path}: {in_keys(str(cause))}") from cause
     qp_solver = content.get("plan", {}).get("qp_solver", DEFAULT_QP_SOLVER)
     return Scenario(path.stem, content.get("title", path.stem), problem, qp_solver, path)
 

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from zmp_sqp.arrays import Array, Indices, finite_number
-from zmp_sqp.errors import MachineError, ProblemError, TrajectoryError
+from zmp_sqp.errors import GIVE_SUPPORT, MachineError, ProblemError, TrajectoryError
 from zmp_sqp.mechanics.ground import Ground
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.motion.trajectory import Trajectory
@@ -258,7 +258,7 @@ def _check(machine: Machine, trajectory: Trajectory, ground: Ground) -> None:
         raise ProblemError(f"ground must have a gravity(yaw) as Slope has, not {ground!r}")
     if machine.support is None:
         raise MachineError(
-            f"machine {machine.name!r} has no support polygon: give support= to load_machine"
+            f"machine {machine.name!r} has no support polygon: {GIVE_SUPPORT.arguments}"
         )
     if trajectory.joint_names != machine.joint_names:
         raise ProblemError(

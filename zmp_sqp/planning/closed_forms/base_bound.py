@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from zmp_sqp.arrays import Array, finite_number
-from zmp_sqp.errors import ContactLost, MachineError, ProblemError
+from zmp_sqp.errors import GIVE_SUPPORT, ContactLost, MachineError, ProblemError
 from zmp_sqp.mechanics.ground import Ground, Terrain
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.support import SupportPolygon
@@ -282,7 +282,6 @@ def _support(machine: Machine, trajectory: Trajectory, margin: Any) -> SupportPo
         raise ProblemError(f"margin must not be negative, not {margin} m")
     if machine.support is None:
         raise MachineError(
-            f"machine {machine.name!r} has no support polygon: "
-            "give one by support=... or with_support"
+            f"machine {machine.name!r} has no support polygon: {GIVE_SUPPORT.arguments}"
         )
     return machine.support

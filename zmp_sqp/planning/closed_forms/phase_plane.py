@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from zmp_sqp.arrays import Array, frozen_array
-from zmp_sqp.errors import ProblemError
+from zmp_sqp.errors import GIVE_LIMITS, ProblemError
+from zmp_sqp.mechanics.limits import position_fault
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.motion.double_integrator import minimum_time
 from zmp_sqp.motion.trajectory import Trajectory
@@ -63,16 +64,16 @@ def _check_limits(machine: Machine, q0: Array, qf: Array) -> None:
     names, limits = machine.joint_names, machine.limits
     for key, joints in limits.missing(names).items():
         raise ProblemError(
-            f"no {key.replace('_', ' ')} limit for joint {', '.join(map(repr, joints))}"
+            f"no {key.replace('_', ' ')} limit for joint {', '.join(map(repr, joints))}: "
+            f"{GIVE_LIMITS.arguments}"
         )
     for i, joint in enumerate(names):
-        lower, upper = limits.position_lower[i], limits.position_upper[i]
-        for name, value in (("start", q0[i]), ("goal", qf[i])):
-            if not lower <= value <= upper:
-                raise ProblemError(
-                    f"{name} of joint {joint!r} is {value:.6g}, "
-                    f"outside its limits [{lower:.6g}, {upper:.6g}]"
-                )
+        lower, upper = float(limits.position_lower[i]), float(limits.position_upper[i])
+        for name, value in (("start", float(q0[i])), ("goal", float(qf[i]))):
+            unit = machine.joint_units[i]
+            fault = position_fault(joint, value, lower=lower, upper=upper, unit=unit)
+            if fault:
+                raise ProblemError(f"{name} {fault}")
 
 
 def _synchronised(

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from zmp_sqp.arrays import Array, finite_number, frozen_array
-from zmp_sqp.errors import MachineError, ProblemError
+from zmp_sqp.errors import GIVE_LIMITS, GIVE_SUPPORT, MachineError, ProblemError
 from zmp_sqp.mechanics.ground import Slope
+from zmp_sqp.mechanics.limits import position_fault
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.zero_moment_point import zmp
 from zmp_sqp.motion.trajectory import Trajectory
@@ -133,21 +134,21 @@ def _boundary(machine: Machine, start: Any, goal: Any) -> tuple[Array, Array]:
     qf = frozen_array(goal, name="goal", shape=(machine.size,), error=ProblemError)
     for key in ("velocity", "acceleration"):
         if np.isnan(getattr(limits, key)[0]):
-            raise ProblemError(f"no {key} limit for joint {machine.joint_names[0]!r}")
+            raise ProblemError(
+                f"no {key} limit for joint {machine.joint_names[0]!r}: {GIVE_LIMITS.arguments}"
+            )
     for i, joint in enumerate(machine.joint_names):
         if i > 0 and abs(qf[i] - q0[i]) > POSE:
             raise ProblemError(
                 f"start and goal may differ in the slew, {machine.joint_names[0]!r}, alone, "
                 f"but {joint!r} moves by {qf[i] - q0[i]:.6g}"
             )
-        lower, upper = limits.position_lower[i], limits.position_upper[i]
-        for name, value in (("start", q0[i]), ("goal", qf[i])):
-            # a missing limit is NaN, for which both comparisons are false
-            if value < lower - POSE or value > upper + POSE:
-                raise ProblemError(
-                    f"{name} of joint {joint!r} is {value:.6g}, "
-                    f"outside its limits [{lower:.6g}, {upper:.6g}]"
-                )
+        lower, upper = float(limits.position_lower[i]), float(limits.position_upper[i])
+        for name, value in (("start", float(q0[i])), ("goal", float(qf[i]))):
+            unit = machine.joint_units[i]
+            fault = position_fault(joint, value, lower=lower, upper=upper, unit=unit)
+            if fault:
+                raise ProblemError(f"{name} {fault}")
     return q0, qf
 
 
@@ -175,7 +176,8 @@ def _inscribed(machine: Machine, insight: SlewInsight) -> float:
     support = machine.support
     if support is None:
         raise MachineError(
-            f"machine {machine.name!r} has no support polygon: give one, or a radius"
+            f"machine {machine.name!r} has no support polygon: {GIVE_SUPPORT.arguments}, or give a "
+            "radius"
         )
     # centre of area: that of the triangles between the origin and each edge, weighted by area
     here, there = support.vertices, np.roll(support.vertices, -1, axis=0)

@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from zmp_sqp.arrays import Array
-from zmp_sqp.errors import ProblemError
+from zmp_sqp.errors import GIVE_SUPPORT, ProblemError
 from zmp_sqp.mechanics.bounds.effort_bounds import EffortBound
 from zmp_sqp.mechanics.coordinates import Coordinates
 from zmp_sqp.mechanics.ground import GRAVITY
@@ -228,8 +228,7 @@ def supported(machine: Machine) -> SupportPolygon:
     """
     if machine.support is None:
         raise ProblemError(
-            f"machine {machine.name!r} has no support polygon: give support with the machine, "
-            "either the polygon or the names of the links that stand on the ground"
+            f"machine {machine.name!r} has no support polygon: {GIVE_SUPPORT.arguments}"
         )
     return machine.support
 

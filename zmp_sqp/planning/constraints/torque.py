@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from zmp_sqp.arrays import Array, finite_number
-from zmp_sqp.errors import ProblemError
+from zmp_sqp.errors import GIVE_EFFORT, ProblemError
 from zmp_sqp.mechanics.coordinates import Coordinates
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.wrench import WRENCH
@@ -56,8 +56,8 @@ class TorqueLimits:
         given = machine.limits.effort
         if lacking := [machine.joint_names[i] for i in np.flatnonzero(np.isnan(given)).tolist()]:
             raise ProblemError(
-                f"torque_limits: no effort limit for joint {', '.join(map(repr, lacking))}: give "
-                "<limit effort=...> in the URDF, or limits={'effort': ...} to load_machine"
+                f"torque_limits: no effort limit for joint {', '.join(map(repr, lacking))}: "
+                f"{GIVE_EFFORT.arguments}"
             )
         return TorqueRows.of(machine, np.array(self.share * given))
 

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from zmp_sqp.arrays import Array, distinct_texts, finite_number, shortened
-from zmp_sqp.errors import MachineError, ProblemError
+from zmp_sqp.errors import GIVE_LIMITS, MachineError, ProblemError
 from zmp_sqp.mechanics.coordinates import Coordinates
-from zmp_sqp.mechanics.limits import JointLimits
+from zmp_sqp.mechanics.limits import LIMIT_TOLERANCE, JointLimits, position_fault
 from zmp_sqp.mechanics.lumped_mass import FORM_TOLERANCE
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.planning.constraints.tip_over import supported
@@ -64,7 +64,6 @@ UNCERTAINTIES = (
     Range("slope_uncertainty", 0.0, 0.5, "rad"),
 )
 FARTHEST = 1e5  # [rad or m] largest coordinate: beyond it, float64 leaves too few digits
-LIMIT_TOLERANCE = 1e-9  # [rad or m] distance outside a limit that counts as rounding
 # [rad/s or m/s; rad/s^2 or m/s^2] range of velocity and acceleration limits: outside it, squared
 # durations overflow
 LIMIT_RANGE = (1e-12, 1e12)
@@ -124,10 +123,7 @@ def check_limits(machine: Machine) -> None:
             f"{key.replace('_', ' ')} limit for joint {', '.join(map(repr, joints))}"
             for key, joints in missing.items()
         ]
-        raise ProblemError(
-            f"no {'; no '.join(parts)}: give limits with the machine, "
-            "or put a joint_limits.yaml beside its URDF"
-        )
+        raise ProblemError(f"no {'; no '.join(parts)}: {GIVE_LIMITS.arguments}")
     least, most = LIMIT_RANGE
     for key in ("velocity", "acceleration"):
         for joint, value in zip(machine.joint_names, getattr(machine.limits, key), strict=True):
@@ -239,11 +235,8 @@ def _one_joint(limits: JointLimits, i: int) -> _Limits:
 
 def _check_joint(name: str, joint: str, unit: str, limits: _Limits, *, q: float, v: float) -> None:
     """Refuse a coordinate or rate of one joint; arguments as in `check_boundary_state`."""
-    if not limits.lower - LIMIT_TOLERANCE <= q <= limits.upper + LIMIT_TOLERANCE:
-        shown, lower, upper = distinct_texts(q, limits.lower, limits.upper)
-        raise ProblemError(
-            f"{name} of joint {joint!r} is {shown}, outside its limits [{lower}, {upper}] {unit}"
-        )
+    if fault := position_fault(joint, q, lower=limits.lower, upper=limits.upper, unit=unit):
+        raise ProblemError(f"{name} {fault}")
     if abs(v) > limits.velocity * (1.0 + LIMIT_TOLERANCE):
         shown, _, largest = distinct_texts(v, abs(v), limits.velocity)
         raise ProblemError(

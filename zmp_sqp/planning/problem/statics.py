@@ -159,7 +159,7 @@ def _tips_over_at_rest(name: str, corner: Corner, zmp: _RestingZmp, margin: floa
     )
     return (
         f"the machine {fault} at rest at the {name}{_extreme(corner)}: "
-        f"its ZMP ({zmp.point[0]:.3f}, {zmp.point[1]:.3f}) m {position}"
+        f"its ZMP, x forward {zmp.point[0]:.3f} m and y left {zmp.point[1]:.3f} m, {position}"
     )
 
 

@@ -5,54 +5,94 @@ from __future__ import annotations
 import numpy as np
 
 from zmp_sqp.arrays import length_text
+from zmp_sqp.mechanics.ground import Slope
 from zmp_sqp.planning.problem.problem import Problem
 from zmp_sqp.planning.problem.zmp_words import zmp_position
 from zmp_sqp.planning.proof.certificate import Certificate
 from zmp_sqp.planning.proof.words import broken_own, fault_of, limit_fault, name_in_words
 from zmp_sqp.planning.search.answer import Status
 
-__all__ = ["failure_message"]
+__all__ = ["failure_message", "success_message"]
+
+
+EXACTLY = 1e-8  # relative excess over the lower bound that counts as rounding
+AS_FAST_AS_CAN_BE = "Solved: no motion within the joint limits is faster."
+
+
+def success_message(
+    status: Status, checked: Certificate, *, duration: float, lower_bound: float
+) -> str:
+    """Message of a plan with success: its status, and the constraints that are only sampled.
+
+    Args:
+        status: How planning ended.
+        checked: Certificate of the motion.
+        duration: Duration of the motion [s].
+        lower_bound: Duration that no motion within the limits can undercut [s].
+    """
+    exactly = duration <= lower_bound * (1.0 + EXACTLY)
+    fastest = status is Status.FASTEST_POSSIBLE and exactly
+    return f"{AS_FAST_AS_CAN_BE if fastest else status}{_sampled_only(checked)}"
 
 
 def failure_message(
-    problem: Problem, status: Status, checked: Certificate, obstacle: str = ""
+    problem: Problem,
+    status: Status,
+    checked: Certificate,
+    obstacle: str = "",
+    *,
+    duration: float | None = None,
 ) -> str:
-    """Message of a plan: its status and, without success, each violated constraint.
-
-    With success, it names the constraints that are only sampled, not proven.
+    """Message of a plan without success: its status, and each violated constraint.
 
     Args:
         problem: Problem that was planned.
         status: How planning ended.
         checked: Certificate of the last motion of the search.
         obstacle: Why the last motion could not be certified; empty if it could.
+        duration: Duration of the last motion of the search [s]; None leaves it out.
 
     Returns:
         One or more sentences; for a violated constraint, when it is violated and by how much.
     """
     if obstacle:
         return f"{status} The last motion looked at: {obstacle}."
-    if status.success:
-        return f"{status}{_sampled_only(checked)}"
     if problem.machine.support is None:
         return str(status)
     sentences = [_ending(problem, status, checked)]
     sentences += [f"The last motion looked at {words}." for words in _faults(problem, checked)]
     if checked.margin < problem.margin:
-        sentences.append(_zmp_sentence(problem, checked))
+        sentences.append(_zmp_sentence(problem, checked, duration))
     return " ".join(sentences)
 
 
 def _ending(problem: Problem, status: Status, checked: Certificate) -> str:
-    """Status; where tip-over is not the problem, the names of the constraints that are violated."""
-    own = broken_own(checked.guarantees)
-    if status is not Status.INFEASIBLE or not own or checked.margin < problem.margin:
+    """Status; where the search ended at a violation, what is violated, and advice that applies."""
+    if status is not Status.INFEASIBLE:
         return str(status)
-    names = " and ".join(found.name for found in own)
+    names = [f"breaks {found.name}" for found in broken_own(checked.guarantees)]
+    if checked.margin < problem.margin:
+        tips = checked.sampled < 0.0 or problem.margin == 0.0
+        misses = f"misses the margin of {problem.margin:.10g} m"
+        names.insert(0, "tips the machine over" if tips else misses)
+    if not names:
+        return str(status)
+    loosest = ["a smaller margin"] if checked.margin < problem.margin and problem.margin else []
+    loosest += ["a looser limit"] if broken_own(checked.guarantees) else []
+    tried = [*_easier(problem), *loosest, "another start or goal"]
     return (
-        f"Not solved: the search ended at a motion that still breaks {names}; try a looser limit, "
-        "a lighter payload, or another start or goal."
+        f"Not solved: the search ended at a motion that still {' and '.join(names)}; "
+        f"try {', '.join(tried[:-1])}{', or ' if len(tried) > 1 else ''}{tried[-1]}."
     )
+
+
+def _easier(problem: Problem) -> list[str]:
+    """What of payload and ground could be easier, in words."""
+    ground = problem.ground
+    easier = ["a lighter payload"] if problem.machine.payload_mass > 0.0 else []
+    if not isinstance(ground, Slope) or ground.roll or ground.pitch:
+        easier.append("a gentler slope")
+    return easier
 
 
 def _faults(problem: Problem, checked: Certificate) -> list[str]:
@@ -75,11 +115,13 @@ def _sampled_only(checked: Certificate) -> str:
     return f" Sampled only, 2000 times a second, not proven: {', '.join(names)}."
 
 
-def _zmp_sentence(problem: Problem, checked: Certificate) -> str:
+def _zmp_sentence(problem: Problem, checked: Certificate, duration: float | None) -> str:
     """Sentence that says when the ZMP violates the margin of the problem, and by how much."""
     support = problem.machine.support
     extreme = f" with {checked.corner}" if checked.corner else ""
-    at = f"At {checked.margin_at:.2f} s"
+    at = f"At {checked.margin_at:.2f} s of the last motion looked at"
+    if duration is not None:
+        at += f", which takes {duration:.2f} s,"
     if support is None or not np.isfinite(checked.sampled):
         return f"{at} the machine would lift off the ground{extreme}."
     if not np.isfinite(checked.margin):

@@ -14,7 +14,7 @@ from zmp_sqp.planning.proof.certificate import certify_for
 from zmp_sqp.planning.search.answer import Plan, Status
 from zmp_sqp.planning.search.blind import certified_blind_motion
 from zmp_sqp.planning.search.explore import explore
-from zmp_sqp.planning.search.messages import failure_message
+from zmp_sqp.planning.search.messages import failure_message, success_message
 from zmp_sqp.planning.search.prove import Proven, prove
 from zmp_sqp.planning.search.refine import refine
 from zmp_sqp.planning.search.run import Runs
@@ -97,14 +97,18 @@ def _already_there(problem: Problem) -> Proven:
 def _answer(
     problem: Problem, qp_solver: str, lower_bound: float, proven: Proven, runs: Runs
 ) -> Plan:
-    message = failure_message(problem, proven.status, proven.certificate, proven.obstacle)
+    status, checked, duration = proven.status, proven.certificate, proven.duration
+    if status.success:
+        message = success_message(status, checked, duration=duration, lower_bound=lower_bound)
+    else:
+        message = failure_message(problem, status, checked, proven.obstacle, duration=duration)
     return Plan(
         problem=problem,
-        status=proven.status,
+        status=status,
         message=message,
-        duration=proven.duration,
+        duration=duration,
         lower_bound=lower_bound,
-        certificate=proven.certificate,
+        certificate=checked,
         iterations=len(runs.history),
         solve_time=runs.elapsed,
         history=tuple(runs.history),
