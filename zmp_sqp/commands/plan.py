@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +21,8 @@ from zmp_sqp.commands.console import (
     without_matplotlib,
     write_json,
 )
-from zmp_sqp.commands.exit_codes import DONE, UNSAFE
+from zmp_sqp.commands.exit_codes import DONE, INTERRUPTED, UNSAFE
+from zmp_sqp.commands.live import live_line
 from zmp_sqp.planning import Plan, Problem, Trajectory, diagnose, phase_plane, plan
 from zmp_sqp.planning.problem.checks import AUTO
 from zmp_sqp.scenario import load_scenario
@@ -32,9 +33,6 @@ from zmp_sqp.show.joint_plots import joint_unit, plot_joints
 from zmp_sqp.show.results import RESULT_KEYS, make_result
 from zmp_sqp.show.tables import history_table, joint_table, runs_table, summary_table
 from zmp_sqp.show.zmp_plots import plot_zmp
-
-if TYPE_CHECKING:
-    from rich.console import Console
 
 __all__ = ["PLAN_FILES", "add_plan", "run_plan"]
 
@@ -153,7 +151,13 @@ def run_plan(arguments: argparse.Namespace) -> int:
     }
     problem = replace(scenario.problem, **overrides)
     prepare_folder(arguments.out, PLAN_FILES)
-    found = plan(problem, qp_solver=arguments.qp_solver or scenario.qp_solver)
+    with live_line() as line:
+        found = plan(
+            problem,
+            qp_solver=arguments.qp_solver or scenario.qp_solver,
+            progress=line.count,
+            announce=line.say,
+        )
     baseline = _baseline(problem)
     result = make_result(scenario, found, baseline)
 
@@ -166,14 +170,21 @@ def run_plan(arguments: argparse.Namespace) -> int:
     console.print(guarantee_table(result["guarantees"]))
     if found.success:
         console.print(joint_table(result, joint_unit(problem.machine)))
-    elif arguments.diagnosis:
-        result |= _diagnosis(found, console)
+    interrupted = False
+    if arguments.diagnosis and not found.success:
+        try:
+            result |= _diagnosis(found)
+        except KeyboardInterrupt:  # the plan itself is done
+            interrupted = True
+            console.print("interrupted before a payload or slope was found that would do")
     console.print(basis_table(Basis.of_problem(problem)))
     console.print(result["message"], style=None if found.success else "bold red", soft_wrap=True)
     if arguments.out is not None:
         lines = _write(arguments.out, found, baseline, result, figures=arguments.figures)
         print_lines(console, lines)
     write_json(to_json(result), arguments.json, console)
+    if interrupted:
+        return INTERRUPTED
     return DONE if found.success else UNSAFE
 
 
@@ -184,10 +195,10 @@ def _baseline(problem: Problem) -> Trajectory | None:
     return phase_plane(problem.machine, problem.start, problem.goal)
 
 
-def _diagnosis(found: Plan, console: Console) -> dict[str, Any]:
+def _diagnosis(found: Plan) -> dict[str, Any]:
     """Entries `diagnosis` and `message` of the result, for a plan without a motion."""
-    with console.status("looking for what would be possible ...") as status:
-        diagnosis = diagnose(found, progress=lambda words: status.update(f"trying {words} ..."))
+    with live_line() as line:
+        diagnosis = diagnose(found, progress=lambda words: line.say(f"diagnose: trying {words}"))
     return {
         "diagnosis": {
             "largest_payload": diagnosis.largest_payload,

@@ -22,6 +22,7 @@ from zmp_sqp.commands.console import (
     write_json,
 )
 from zmp_sqp.commands.exit_codes import DONE, UNSAFE
+from zmp_sqp.commands.live import live_line
 from zmp_sqp.errors import MissingExtra, ScenarioError, TrajectoryError
 from zmp_sqp.planning import Problem, Trajectory, phase_plane, plan
 from zmp_sqp.scenario import Scenario, load_scenario, shipped_scenarios
@@ -144,10 +145,13 @@ def run_replay(arguments: argparse.Namespace) -> int:
     scenario, motions, message = _motions(arguments.source, arguments.scenario, arguments.margin)
     problem = scenario.problem
     prepare_folder(arguments.out, REPLAY_FILES)
-    replays = {
-        name: replay(problem.machine, motion, problem.ground, time_step=arguments.time_step)
-        for name, motion in motions.items()
-    }
+    replays = {}
+    with live_line() as line:
+        for name, motion in motions.items():
+            line.say(f"simulate: {name}")
+            replays[name] = replay(
+                problem.machine, motion, problem.ground, time_step=arguments.time_step
+            )
     basis = Basis.of_problem(problem, [SIMULATED.format(arguments.time_step)])
     result: dict[str, Any] = {
         "scenario": scenario.name,
@@ -223,7 +227,9 @@ def _motions(source: str, scenario: str | None, margin: float | None) -> _Motion
         raise ScenarioError(f"{loaded.path}: its base drives; a replay needs one that stands")
     if from_file:
         return _Motions(loaded, {FROM_FILE: Trajectory.from_csv(path, problem.machine)}, None)
-    found, motions = plan(problem, qp_solver=loaded.qp_solver), {}
+    with live_line() as line:
+        found = plan(problem, qp_solver=loaded.qp_solver, progress=line.count, announce=line.say)
+    motions = {}
     if found.success:
         motions[PLANNED] = found.trajectory
     if not (np.any(problem.start_velocity) or np.any(problem.goal_velocity)):

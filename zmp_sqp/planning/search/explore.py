@@ -35,6 +35,7 @@ ENOUGH = (SQPStatus.BOUND_REACHED, SQPStatus.OPTIMAL, SQPStatus.FEASIBLE)
 
 def explore(task: Task, runs: Runs) -> Candidate:
     """Fastest feasible motion of all guesses; the least-violating motion if none is feasible."""
+    runs.enter("explore")
     found = at_the_bound(task, runs)
     if found is not None:
         return found

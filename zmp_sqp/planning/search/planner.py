@@ -32,6 +32,7 @@ def plan(
     time_budget: float | None = None,
     *,
     progress: Callable[[IterationRecord], None] | None = None,
+    announce: Callable[[str], None] | None = None,
 ) -> Plan:
     r"""Fastest safe motion of a problem, by SQP on a nonlinear program in normalised time.
 
@@ -52,6 +53,8 @@ def plan(
         time_budget: Wall time after which no new QP starts [s]; a QP that has begun is finished.
             None for no limit.
         progress: Called after every SQP iteration with its record.
+        announce: Called with words when a stage of the search (explore, refine, prove) or one of
+            its runs begins.
 
     Returns:
         The plan; `success` is False where no safe motion was found, with a diagnosis in `message`.
@@ -60,7 +63,7 @@ def plan(
         ProblemError: Unknown QP solver, or a time budget that is not a positive number.
     """
     _check(problem, time_budget)
-    runs = Runs.start(qp_solver, time_budget, progress)
+    runs = Runs.start(qp_solver, time_budget, progress, announce)
     task = task_of(problem)
     if task.lower_bound == 0.0:
         proven = _already_there(problem)

@@ -62,6 +62,7 @@ class Proven:
 
 def prove(task: Task, candidate: Candidate, runs: Runs) -> Proven:
     """Certify the motion; tighten constraints that fail between nodes, and solve again."""
+    runs.enter("prove")
     problem, tightening = task.problem, Tightening()
     for _ in range(MAX_TIGHTENINGS):
         try:

@@ -33,6 +33,7 @@ def refine(task: Task, found: Candidate, runs: Runs) -> Candidate:
     problem = task.problem
     if not problem.refines:
         return found
+    runs.enter("refine")
     most = min(MOST_INTERVALS, MOST_ACCELERATIONS // problem.machine.size)
     while _is_worth_refining(found) and not runs.is_late:
         grid = found.program.grid

@@ -89,6 +89,8 @@ class Runs:
         started: Start of planning, a `time.perf_counter()` value [s].
         deadline: `time.perf_counter()` value after which no new QP starts [s]; None for no limit.
         progress: Called after every iteration with its record; None for no calls.
+        announce: Called with words about what begins; None for no calls.
+        stage: What the planner is about: "explore", "refine" or "prove".
         history: Records of all iterations so far.
         runs: One record per run so far.
     """
@@ -97,6 +99,8 @@ class Runs:
     started: float
     deadline: float | None
     progress: Callable[[IterationRecord], None] | None = None
+    announce: Callable[[str], None] | None = None
+    stage: str = ""
     history: list[IterationRecord] = field(default_factory=list)
     runs: list[SearchRun] = field(default_factory=list)
 
@@ -106,6 +110,7 @@ class Runs:
         qp_solver: str,
         time_budget: float | None,
         progress: Callable[[IterationRecord], None] | None,
+        announce: Callable[[str], None] | None = None,
     ) -> Runs:
         """Start the time budget, with a QP solver by name.
 
@@ -117,7 +122,7 @@ class Runs:
         backend = make_backend(qp_solver)
         if deadline is not None:
             backend = Punctual(backend, deadline)
-        return cls(backend, started, deadline, progress)
+        return cls(backend, started, deadline, progress, announce)
 
     @property
     def is_late(self) -> bool:
@@ -128,6 +133,16 @@ class Runs:
     def elapsed(self) -> float:
         """Wall time since planning began [s]."""
         return time.perf_counter() - self.started
+
+    def enter(self, stage: str) -> None:
+        """Begin a stage of planning and announce it."""
+        self.stage = stage
+        self.say("")
+
+    def say(self, words: str) -> None:
+        """Announce what begins in the current stage."""
+        if self.announce is not None:
+            self.announce(f"{self.stage}: {words}" if words else self.stage)
 
     def minimize(
         self,
@@ -149,6 +164,7 @@ class Runs:
             y, z, excess: Multipliers and excess of a nearby solution, see `SQP.minimize`.
             purpose: Purpose of the run in words, for its record.
         """
+        self.say(f"{purpose}, {program.grid.size} intervals")
         settings = replace(settings, deadline=self.deadline)
         sqp = SQP(self.backend, settings, self.progress)
         result = sqp.minimize(program, point, y=y, z=z, excess=excess)

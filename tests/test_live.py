@@ -1,0 +1,137 @@
+"""Live line: what a search is about, on a terminal only; an interrupt leaves what is done."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import zmp_sqp as zs
+from tests.test_cli import STRETCHED
+from zmp_sqp.commands.live import LiveLine
+from zmp_sqp.scenario import load_scenario
+
+pty = pytest.importorskip("pty")
+LONGEST = 60.0  # [s]
+
+
+@pytest.fixture
+def scenario(tmp_path: Path) -> Path:
+    path = tmp_path / "stretched.toml"
+    path.write_text(STRETCHED, encoding="utf-8")
+    return path
+
+
+def command(*arguments: str) -> list[str]:
+    return [sys.executable, "-m", "zmp_sqp.cli", *arguments]
+
+
+class Terminal:
+    """A process whose standard error is a terminal."""
+
+    def __init__(self, *arguments: str) -> None:
+        self.screen, other = pty.openpty()
+        self.seen = ""
+        environment = os.environ | {"TERM": "xterm", "COLUMNS": "120"}
+        self.process = subprocess.Popen(
+            command(*arguments), stdout=subprocess.PIPE, stderr=other, env=environment, text=True
+        )
+        os.close(other)
+
+    def read(self, until: str = "") -> str:
+        """What the terminal has shown until a text was shown, or until the process ends."""
+        end = time.monotonic() + LONGEST
+        while time.monotonic() < end and not (until and until in self.seen):
+            try:
+                part = os.read(self.screen, 4096)
+            except OSError:  # the other side is closed
+                break
+            self.seen += part.decode(errors="replace")
+        return self.seen
+
+    def end(self) -> tuple[int, str]:
+        """Exit code, and what was printed on standard output."""
+        printed, _ = self.process.communicate(timeout=LONGEST)
+        os.close(self.screen)
+        return self.process.returncode, printed
+
+
+def test_a_terminal_shows_stage_iterations_and_violation(scenario: Path) -> None:
+    terminal = Terminal("plan", str(scenario), "--json", "-")
+    shown = terminal.read()
+    code, printed = terminal.end()
+    assert code == 1
+    for words in ("explore: ", "iteration ", "least violation ", "diagnose: trying with a payload"):
+        assert words in shown
+    assert json.loads(printed)["success"] is False
+
+
+def test_a_pipe_shows_no_live_line(scenario: Path) -> None:
+    done = subprocess.run(
+        command("plan", str(scenario), "--no-diagnosis", "--json", "-"),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 1
+    assert "iteration " not in done.stderr
+    assert "\x1b" not in done.stderr + done.stdout
+    assert json.loads(done.stdout)["success"] is False
+
+
+def test_an_interrupted_diagnosis_leaves_the_plan(scenario: Path, tmp_path: Path) -> None:
+    terminal = Terminal("plan", str(scenario), "--out", str(tmp_path / "out"))
+    assert "diagnose: " in terminal.read(until="diagnose: ")
+    terminal.process.send_signal(signal.SIGINT)
+    shown = terminal.read()
+    code, printed = terminal.end()
+    assert code == 130
+    assert "interrupted before" in printed
+    assert "still tips the machine over" in printed
+    assert "Traceback" not in shown + printed
+    result = json.loads((tmp_path / "out" / "plan.json").read_text())
+    assert result["success"] is False
+    assert result["diagnosis"] is None
+
+
+def test_an_interrupted_search_ends_quietly(tmp_path: Path) -> None:
+    path = tmp_path / "long.toml"
+    path.write_text(STRETCHED.replace("intervals = 20", "intervals = 400"), encoding="utf-8")
+    terminal = Terminal("plan", str(path))
+    assert "iteration " in terminal.read(until="iteration ")
+    terminal.process.send_signal(signal.SIGINT)
+    shown = terminal.read()
+    code, printed = terminal.end()
+    assert (code, printed) == (130, "")
+    assert "Traceback" not in shown
+    assert "\x1b[?25h" in shown  # the cursor is back
+
+
+def test_stages_are_announced_in_their_order(scenario: Path) -> None:
+    announced: list[str] = []
+    problem = load_scenario(scenario).problem
+    plan = zs.plan(problem, announce=announced.append)
+    stages = list(dict.fromkeys(words.partition(":")[0] for words in announced))
+    assert stages == ["explore", "prove"]
+    for run in plan.runs:
+        if run.purpose != "probe at the bound":
+            assert any(f"{run.purpose}, {run.intervals} intervals" in words for words in announced)
+
+
+def test_the_line_has_the_least_violation_of_the_run() -> None:
+    shown: list[str] = []
+    line = LiveLine(shown.append)
+    line.say("explore: one")
+    plan = zs.plan(load_scenario("paper_1").problem)
+    for record in plan.history:
+        line.count(record)
+    assert f"iteration {len(plan.history)}; " in shown[-1]
+    assert f"{min(record.violation for record in plan.history):.1e}" in shown[-1]
+    line.say("explore: two")
+    assert "violation" not in shown[-1]
