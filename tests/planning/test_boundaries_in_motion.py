@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import zmp_sqp as zs
+from benchmarks.problems.arm import HARD, random_problem
 from benchmarks.problems.checks import check_feasibility
 from benchmarks.problems.paper import PAPER_GOAL, PAPER_START, paper_scene
 from benchmarks.problems.scene import NamedProblem
@@ -125,3 +128,16 @@ def test_start_and_goal_the_same_state_in_motion_keep_its_rates(velocity: float)
     assert plan.success
     assert plan.duration == 0.0
     assert check_feasibility(named.scene, problem, plan.trajectory).boundary <= EXACT
+
+
+@pytest.mark.parametrize("seed", [9, 11, 20, 40])
+def test_the_rest_of_a_plan_is_not_missed_from_within_it(seed: int) -> None:
+    """Near the end a joint brakes all the way: durations a little above the bound are rare."""
+    problem = random_problem(seed, HARD).problem
+    old = zs.plan(problem).trajectory
+    at = 0.9 * old.duration
+    q, v, _ = old(at)
+    again = zs.plan(replace(problem, start=q, start_velocity=v))
+    assert again.success, again.message
+    assert again.duration <= (1.0 + 4e-4) * (old.duration - at)
+    assert again.status is zs.Status.FASTEST_POSSIBLE

@@ -19,7 +19,9 @@ class Status(enum.Enum):
     """How planning ended; `str()` gives a sentence, with advice where no safe motion was found."""
 
     OPTIMAL = "Solved: to first order, no motion near this one is faster."
-    FASTEST_POSSIBLE = "Solved: no motion within the joint limits is faster by more than 0.03 %."
+    FASTEST_POSSIBLE = (
+        "Solved: no motion within the joint limits is faster by more than about 0.03 %."
+    )
     SAFE = (
         "Solved: the motion is safe, but it may not be the fastest; "
         "give more time, or try another QP solver."

@@ -10,7 +10,7 @@ from zmp_sqp.planning.program.grid import Grid
 from zmp_sqp.planning.program.limits import Boundary, PathBounds
 from zmp_sqp.planning.program.rows import BoundConstraints
 
-__all__ = ["initial_guess", "swung_aside"]
+__all__ = ["cubic_accelerations", "initial_guess", "swung_aside"]
 
 SLOWER = 1.5  # ratio of the durations of successive trials
 TRIALS = 24  # most trials: the last is 1.5^23, about 11 000 times as slow as the first
@@ -88,6 +88,19 @@ def _cubic(start: Boundary, goal: Boundary, duration: float, intervals: int) -> 
     )
     missing = np.vstack([D - w0, w1 - w0]) - weights @ alpha
     return np.asarray(alpha + weights.T @ np.linalg.solve(weights @ weights.T, missing))
+
+
+def cubic_accelerations(start: Boundary, goal: Boundary, duration: float, grid: Grid) -> Array:
+    """Mean accelerations T^2 a of the cubic through both boundary states, shape (N, n).
+
+    Args:
+        start, goal: Boundary states.
+        duration: Duration of the motion [s].
+        grid: Grid of normalised time.
+    """
+    D, w0, w1 = goal.q - start.q, start.v * duration, goal.v * duration
+    s = 0.5 * (grid.nodes[:-1] + grid.nodes[1:])[:, None]
+    return np.asarray((6.0 * D - 4.0 * w0 - 2.0 * w1) + s * (6.0 * (w0 + w1) - 12.0 * D))
 
 
 def _zmp_violation(

@@ -8,6 +8,7 @@ import numpy as np
 
 from zmp_sqp.planning.program.grid import Grid
 from zmp_sqp.planning.search.blind import BlindMotion, blind_motion
+from zmp_sqp.planning.search.guess import cubic_accelerations
 from zmp_sqp.planning.search.run import Candidate, Runs, SearchRun
 from zmp_sqp.planning.search.task import Task
 from zmp_sqp.sqp.iterate import is_feasible
@@ -19,6 +20,9 @@ __all__ = ["ABOVE", "at_the_bound"]
 # relative excess of the duration over the lower bound: at the bound itself the deciding joint has
 # only one motion
 ABOVE = 3e-4
+# probes at the bound: relative excess of the duration, and whether they begin at a cubic; from rest
+# to rest only the first one, which finds more there than the others
+PROBES = ((ABOVE, False), (ABOVE, True), (0.0, True))
 LEAST_PER_PHASE = 2  # fewest intervals in each phase of the deciding coordinate
 PURPOSE = "probe at the bound"
 SHORTEST_STEPS = ", shortest steps"  # what the record of its iteration adds to the QP solver
@@ -29,20 +33,48 @@ def at_the_bound(task: Task, runs: Runs) -> Candidate | None:
     """Feasible motion at most 0.03 % slower than the lower bound; None if none is found quickly.
 
     First the bang-coast-bang motion itself is tried, then a few least-distance steps from it
-    (`nearest_feasible`) on a grid with nodes at the switching times of the deciding coordinate.
-    Half of the intervals are enough for that; the motion found is then transferred to all.
+    (`_probe`). If start or goal is in motion, further steps begin at a cubic, and at last exactly
+    at the bound: the deciding coordinate may have just one motion, such as braking all the way, and
+    the uniform grid of the search proper misses durations just above that.
     """
     if (bang_bang := _bang_bang_at_bound(task)) is not None:
         runs.record("bang-bang on the grid", bang_bang)
         return bang_bang
-    motion = blind_motion(task, ABOVE)
-    if motion is None or runs.is_late:
+    from_rest = not (task.start.v.any() or task.goal.v.any())
+    for stretch, smooth in PROBES[:1] if from_rest else PROBES:
+        if runs.is_late:
+            break
+        found = _probe(task, runs, stretch, smooth=smooth)
+        if found is not None:
+            return found
+    return None
+
+
+def _probe(task: Task, runs: Runs, stretch: float, *, smooth: bool) -> Candidate | None:
+    """Feasible motion that is slower than the bound by a relative `stretch`, by a few short steps.
+
+    The steps (`nearest_feasible`) are taken on a grid with nodes at the switching times of the
+    deciding coordinate. Half of the intervals are enough for that; the motion found is then
+    transferred to all.
+
+    Args:
+        task: The planning task.
+        runs: Runs of the search, which the probe is recorded in.
+        stretch: Relative increase of the duration over the lower bound.
+        smooth: Whether to begin at the cubic through both boundary states, not at the
+            bang-coast-bang motion.
+    """
+    motion = blind_motion(task, stretch)
+    if motion is None:
         return None
     intervals = task.problem.first_intervals
     halved = intervals % 2 == 0 and intervals >= 2 * LEAST_COARSE
     coarse = aligned_grid(motion, intervals // 2 if halved else intervals)
     program = task.program(motion.duration, coarse)
-    alpha = motion.duration**2 * motion.mean_accelerations(coarse.nodes * motion.duration)
+    if smooth:
+        alpha = cubic_accelerations(task.start, task.goal, motion.duration, coarse)
+    else:
+        alpha = motion.duration**2 * motion.mean_accelerations(coarse.nodes * motion.duration)
     point = program.pack(np.repeat(alpha[:, None], 2, axis=1), motion.duration**2)
     found = nearest_feasible(program, point, runs.backend)
     record = _record(found, runs)

@@ -16,7 +16,7 @@ __all__ = ["failure_message", "success_message"]
 
 
 EXACTLY = 1e-8  # relative excess over the lower bound that counts as rounding
-AS_FAST_AS_CAN_BE = "Solved: no motion within the joint limits is faster."
+FASTEST = "Solved: no motion within the joint limits is faster"
 
 
 def success_message(
@@ -30,9 +30,12 @@ def success_message(
         duration: Duration of the motion [s].
         lower_bound: Duration that no motion within the limits can undercut [s].
     """
-    exactly = duration <= lower_bound * (1.0 + EXACTLY)
-    fastest = status is Status.FASTEST_POSSIBLE and exactly
-    return f"{AS_FAST_AS_CAN_BE if fastest else status}{_sampled_only(checked)}"
+    words = str(status)
+    if status is Status.FASTEST_POSSIBLE:
+        exactly = duration <= lower_bound * (1.0 + EXACTLY)
+        gain = 0.0 if exactly else np.ceil(1e5 * (1.0 - lower_bound / duration)) / 1e3  # [%]
+        words = f"{FASTEST}." if exactly else f"{FASTEST} by more than {gain:.3g} %."
+    return f"{words}{_sampled_only(checked)}"
 
 
 def failure_message(

@@ -24,9 +24,9 @@ from zmp_sqp.sqp.result import SQPStatus
 __all__ = ["Proven", "prove"]
 
 MAX_TIGHTENINGS = 6  # certificates at most
-# largest relative excess over the lower bound with status FASTEST_POSSIBLE: one of which the bound
-# is less by exactly 0.03 % of the duration, as that status says
-AT_BOUND = ABOVE / (1.0 - ABOVE)
+# largest relative excess over the lower bound with status FASTEST_POSSIBLE: `ABOVE`, and what
+# closing the last rounding errors of a motion may add to it; messages give the excess itself
+AT_BOUND = 1.15 * ABOVE
 OVERSHOOT = 1.5  # tightening of a constraint per shortfall of its guarantee
 # status of the plan by status of the SQP run, if the certificate does not change it
 OUTCOMES = {
