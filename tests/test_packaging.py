@@ -10,7 +10,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE, BENCHMARKS = ROOT / "zmp_sqp", ROOT / "benchmarks"
-HEAVY = ("casadi", "matplotlib", "mujoco", "piqp", "proxsuite", "qpsolvers")
+HEAVY = ("casadi", "matplotlib", "mujoco", "piqp", "proxsuite", "qpsolvers", "rosbags")
 
 
 def module_name(path: Path) -> str:

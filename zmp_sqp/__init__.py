@@ -12,6 +12,7 @@ from zmp_sqp.errors import (
     ProblemError,
     ScenarioError,
     TrajectoryError,
+    UnboundedAcceleration,
     ZmpSqpError,
 )
 from zmp_sqp.mechanics import (
@@ -31,6 +32,7 @@ from zmp_sqp.mechanics import (
     stability_measures,
     zmp,
 )
+from zmp_sqp.motion import RecordedMotion, export_motion, read_motion
 from zmp_sqp.planning import (
     BaseMotion,
     Certificate,
@@ -83,6 +85,7 @@ __all__ = [
     "Plan",
     "Problem",
     "ProblemError",
+    "RecordedMotion",
     "Replay",
     "ScenarioError",
     "SlewInsight",
@@ -92,6 +95,7 @@ __all__ = [
     "SupportPolygon",
     "Trajectory",
     "TrajectoryError",
+    "UnboundedAcceleration",
     "UnicycleBase",
     "ZmpSqpError",
     "analytic_slew",
@@ -99,12 +103,14 @@ __all__ = [
     "base_acceleration_bound",
     "certify",
     "diagnose",
+    "export_motion",
     "inspect",
     "load_machine",
     "moving_base_zmp",
     "phase_plane",
     "plan",
     "plan_base",
+    "read_motion",
     "replay",
     "shipped_machines",
     "slew_insight",

@@ -19,6 +19,7 @@ __all__ = [
     "ProblemError",
     "ScenarioError",
     "TrajectoryError",
+    "UnboundedAcceleration",
     "ZmpSqpError",
     "in_keys",
 ]
@@ -45,6 +46,10 @@ class ProblemError(ZmpSqpError):
 
 class TrajectoryError(ZmpSqpError):
     """A trajectory, or the file that should contain one, is invalid."""
+
+
+class UnboundedAcceleration(TrajectoryError):
+    """A motion is given whose rates jump, so that no acceleration and no ZMP of it has a bound."""
 
 
 class ScenarioError(ZmpSqpError):

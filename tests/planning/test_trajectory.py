@@ -143,7 +143,8 @@ def test_json_has_the_fields_of_a_joint_trajectory_message(
 ) -> None:
     trajectory.to_json(tmp_path / "motion.json")
     content = json.loads((tmp_path / "motion.json").read_text())
-    assert set(content) == {"joint_names", "points"}
+    assert set(content) == {"joint_names", "points", "made_for"}
+    assert "quintics" in content["made_for"]
     assert content["joint_names"] == list(MACHINE.joint_names)
     assert len(content["points"]) == len(trajectory.times)
     for time, position, velocity, point in zip(

@@ -3,13 +3,29 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from zmp_sqp.arrays import Array, length_text
+from zmp_sqp.arrays import Array
+from zmp_sqp.commands.check_motion import (
+    hints_on,
+    jump_hint,
+    limit_allowance,
+    motion_fields,
+    motion_lines,
+)
+from zmp_sqp.commands.check_question import Question, question_of
+from zmp_sqp.commands.check_verdict import (
+    boundary_faults,
+    certificate_faults,
+    check_table,
+    checked_share,
+    finite,
+    limit_fields,
+    verdict,
+)
 from zmp_sqp.commands.console import (
     add_command,
     add_json_option,
@@ -17,32 +33,27 @@ from zmp_sqp.commands.console import (
     to_json,
     write_json,
 )
-from zmp_sqp.commands.constraint_options import add_constraint_option, constraints_of
+from zmp_sqp.commands.constraint_options import add_constraint_option
 from zmp_sqp.commands.exit_codes import DONE, UNSAFE
 from zmp_sqp.commands.machine_options import (
     add_ground_options,
     add_machine_options,
     add_payload_options,
     add_uncertainty_options,
-    ground_of,
-    machine_of,
-    uncertainties_of,
 )
-from zmp_sqp.errors import ContactLost, ProblemError
-from zmp_sqp.mechanics import Heightmap, Machine, Slope, shipped_machines
+from zmp_sqp.errors import ContactLost, UnboundedAcceleration
+from zmp_sqp.mechanics import Machine, shipped_machines
+from zmp_sqp.mechanics.ground import Ground
 from zmp_sqp.mechanics.stability_measures import stability_measures
-from zmp_sqp.mechanics.uncertainty import corners
-from zmp_sqp.planning import Certificate, Trajectory, UnicycleBase
-from zmp_sqp.planning.problem.unicycle_base import LIMITS
+from zmp_sqp.motion.interpolation import RULES
+from zmp_sqp.motion.reading import SUFFIXES, RecordedMotion, read_motion
+from zmp_sqp.planning import Certificate, Trajectory
 from zmp_sqp.planning.proof.certificate import certify_at
-from zmp_sqp.planning.proof.words import broken_own, fault_of, limit_fault
+from zmp_sqp.planning.proof.limits_in_time import limit_peaks
 from zmp_sqp.scenario.path_constraints import kinds_in_words
+from zmp_sqp.show.basis import BASIS_KEYS, basis_fields, basis_table
 from zmp_sqp.show.guarantees import GUARANTEE_KEYS, guarantee_fields, guarantee_table
-from zmp_sqp.show.tables import key_table
 from zmp_sqp.versions import installed_versions
-
-if TYPE_CHECKING:
-    from rich.table import Table
 
 __all__ = ["add_check", "run_check"]
 
@@ -51,13 +62,19 @@ SHARES = np.linspace(0.0, 1.0, 11)  # of each interval, at which `MEASURES` are 
 MEASURES = {"load_transfer_ratio": max, "force_angle": min, "tip_over_energy": min}
 DESCRIPTION = """\
 Prove, for all t and not only at samples, how far the ZMP of a motion stays inside the support
-polygon, and whether the motion keeps the joint limits and the constraints of --constraint. The
-motion is a CSV file as `zmp-sqp plan --out` writes it: time, then JOINT.position, JOINT.velocity,
-JOINT.acceleration (and JOINT.jerk) of every joint.
+polygon, and whether the motion keeps the joint limits and the constraints of --constraint, and
+begins and ends at rest. The motion is any table of samples: CSV or NPZ with a column `time` and
+JOINT.position of every joint, and JOINT.velocity and JOINT.acceleration if there are any; or a ROS
+JointTrajectory as YAML, JSON or in a MCAP bag. Files of `zmp-sqp plan` are read exactly. Samples
+become the motion that --interpolation names, by default what a ROS joint_trajectory_controller
+plays: "cubic" through positions and velocities, "quintic" with accelerations; positions alone,
+which it joins by straight lines with infinite accelerations, become a "spline" with continuous
+ones. The certificate is of exactly that motion; how far it departs from the samples is printed.
 """
 EXAMPLES = r"""examples:
   zmp-sqp check feller_buncher out/paper_1/trajectory.csv --roll -20 \
       --payload 4000 --payload-frame head --payload-com 0 0 3.323 --point-masses
+  zmp-sqp check logged.csv --scenario paper_1 --interpolation cubic
   zmp-sqp check feller_buncher drive.csv --base-limits 10 2 0.5 1 --slope-uncertainty 1
   zmp-sqp check my_crane.urdf motion.csv --roll 5 --pitch -3 --margin 0.2 \
       --limits joint_limits.yaml --constraint torque_limits:share=0.9
@@ -75,13 +92,20 @@ CHECK_KEYS = f"""\
   limits_ok            whether joints and base keep their limits
   limit_excess         largest excess over a limit, in the limit's unit
   fault                what is wrong, in words; empty if the motion is safe
+  limits               list: joint, limit, unit, allowed, value (largest at any time), time [s],
+                       excess, allowance (excess that counts as rounding), kept
+  motion               file, interpolation, samples, given (quantities), ignored (columns or
+                       joints), departure: by joint, largest difference from the given position,
+                       velocity and acceleration, and bound on the distance from straight lines
+                       (between); null if the file was read exactly
+  hints                units that look wrong, in sentences
   duration             [s]
   gap                  relative excess of the duration over its lower bound from the limits of
                        joints and base; null if the base drives without --base-limits
   load_transfer_ratio  largest sampled value; 1 where one side carries nothing
   force_angle          [rad] least sampled value, Papadopoulos & Rey 1996
   tip_over_energy      [J] least sampled value, Messuri & Klein 1985 with inertial forces
-{GUARANTEE_KEYS}\
+{GUARANTEE_KEYS}{BASIS_KEYS}\
   versions             of zmp-sqp, Python and the packages that the result depends on
 load_transfer_ratio, force_angle and tip_over_energy ignore the uncertainties.
 """
@@ -107,16 +131,20 @@ def add_check(commands: Any) -> None:
         ),
     )
     command.add_argument(
-        "urdf", metavar="URDF", help="the machine: a URDF file, or the name of a shipped one"
+        "urdf",
+        metavar="URDF",
+        help="the machine: a URDF file, or the name of a shipped one; left out with --scenario",
     )
-    command.add_argument("trajectory", type=Path, metavar="TRAJECTORY.csv", help="the motion")
+    command.add_argument(
+        "trajectory", metavar="TRAJECTORY", help=f"the motion: a file in {', '.join(SUFFIXES)}"
+    )
+    _add_motion_options(command)
     add_ground_options(command)
     command.add_argument(
         "--margin",
         type=float,
-        default=0.0,
         metavar="M",
-        help="[m] required distance from the ZMP to every edge (default: 0)",
+        help="[m] required distance from the ZMP to every edge (default: the scenario's, or 0)",
     )
     add_machine_options(command)
     add_payload_options(command)
@@ -135,85 +163,158 @@ def add_check(commands: Any) -> None:
     add_json_option(command)
 
 
+class _Scenario(argparse.Action):
+    """Option `--scenario`: the command then needs no URDF before the motion."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: Any,
+        option_string: str | None = None,
+    ) -> None:
+        """Store the scenario; the first positional argument may now be the motion."""
+        setattr(namespace, self.dest, values)
+        for action in parser._actions:
+            if action.dest == "trajectory":
+                action.required = False
+
+
+def _add_motion_options(command: argparse.ArgumentParser) -> None:
+    """Add options on how the file is read, and on what it may leave open."""
+    command.add_argument(
+        "--scenario",
+        action=_Scenario,
+        metavar="SCENARIO",
+        help="scenario (file or shipped name) that gives machine, payload, ground, margin, "
+        "uncertainties and constraints at once, in place of URDF and their options",
+    )
+    command.add_argument(
+        "--interpolation",
+        choices=RULES,
+        help="motion between samples (default: see above; files of zmp-sqp are read exactly)",
+    )
+    command.add_argument("--degrees", action="store_true", help="angles in the file are in degrees")
+    command.add_argument(
+        "--limit-tolerance",
+        type=float,
+        metavar="SHARE",
+        help="excess over velocity and acceleration limits that counts as kept, as a share of the "
+        "limit (default: what the digits of the file explain, at most 0.01)",
+    )
+    for end in ("starts", "ends"):
+        command.add_argument(
+            f"--{end}-in-motion",
+            action="store_true",
+            help=f"the motion {end[:-1]}s with joints or base in motion, which is unsafe otherwise",
+        )
+
+
 def run_check(arguments: argparse.Namespace) -> int:
     """Certify, print and write; returns the exit code."""
-    machine, ground = machine_of(arguments), ground_of(arguments)
-    trajectory = Trajectory.from_csv(arguments.trajectory, machine, ground)
-    extremes = corners(machine, ground, **uncertainties_of(arguments), every=True)
-    base = _base(arguments.base_limits, trajectory)
-    constraints = constraints_of(arguments)
-    found = certify_at(extremes, trajectory, arguments.margin, base=base, constraints=constraints)
-    bounded = trajectory.base is None or base is not None
-    result = _result(machine, trajectory, ground, found, bounded=bounded)
-
+    if arguments.trajectory is None:  # --scenario in place of URDF
+        arguments.urdf, arguments.trajectory = None, arguments.urdf
+    question, path = question_of(arguments), Path(arguments.trajectory)
+    try:
+        read = read_motion(
+            path,
+            question.machine,
+            question.ground,
+            interpolation=arguments.interpolation,
+            degrees=arguments.degrees,
+        )
+    except UnboundedAcceleration as fault:
+        result = _unbounded(question, str(fault), path)
+    else:
+        result = _checked(question, read, arguments)
     console = make_console(arguments.json)
-    console.print(f"{arguments.trajectory}: {machine.name}", style="bold", soft_wrap=True)
-    console.print(_table(result))
+    console.print(f"{path}: {question.machine.name}", style="bold", soft_wrap=True)
+    if result["duration"] is not None:
+        console.print(check_table(result))
     console.print(guarantee_table(result["guarantees"]))
-    console.print(_verdict(result), style=None if found.safe else "bold red", soft_wrap=True)
+    console.print(basis_table(result.pop("basis")))
+    for hint in result["hints"]:
+        console.print(f"Hint: {hint}", style="yellow", soft_wrap=True)
+    safe = result["safe"]
+    console.print(verdict(result), style=None if safe else "bold red", soft_wrap=True)
     write_json(to_json(result), arguments.json, console)
-    return DONE if found.safe else UNSAFE
+    return DONE if safe else UNSAFE
 
 
-def _base(limits: list[float] | None, trajectory: Trajectory) -> UnicycleBase | None:
-    """Base with the limits of `--base-limits` and the motion's own start and goal.
-
-    Start and goal velocities are clipped to the limits, because a base that starts too fast cannot
-    be made; the certificate finds the excess.
-    """
-    if limits is None:
-        return None
-    motion = trajectory.base
-    if motion is None:
-        raise ProblemError("--base-limits are for a base that drives, but this motion has none")
-    ends = {
-        f"{end}_velocity": np.clip(motion.velocities[k], *np.outer([-1.0, 1.0], limits[::2]))
-        for end, k in (("start", 0), ("goal", -1))
-    }
-    named = dict(zip(LIMITS, limits, strict=True))
-    return UnicycleBase(start=motion.poses[0], goal=motion.poses[-1], **named, **ends)
-
-
-def _result(
-    machine: Machine,
-    trajectory: Trajectory,
-    ground: Slope | Heightmap,
-    found: Certificate,
-    *,
-    bounded: bool,
+def _checked(
+    question: Question, read: RecordedMotion, arguments: argparse.Namespace
 ) -> dict[str, Any]:
-    """Object that `--json` writes; `CHECK_KEYS` explains its keys.
-
-    Args:
-        machine: The machine without uncertainties.
-        trajectory: The motion.
-        ground: The ground without uncertainties.
-        found: Certificate of the worst corner.
-        bounded: Whether the duration has a lower bound that counts the limits of the base.
-    """
+    """Object that `--json` writes, with its basis under "basis"."""
+    machine, trajectory = question.machine, read.trajectory
+    base = question.with_base_of(trajectory, arguments.base_limits)
+    allowance = limit_allowance(read, machine, checked_share(arguments.limit_tolerance))
+    found = certify_at(
+        question.corners,
+        trajectory,
+        question.margin,
+        base=base,
+        constraints=question.constraints,
+        coordinates=question.coordinates,
+        limit_allowance=allowance,
+    )
+    ends, faults = boundary_faults(question, read, arguments)
+    peaks = limit_peaks(machine, trajectory, allowance)
+    basis = question.basis(
+        base=base is not None, motion=motion_lines(read, machine, allowance) + ends
+    )
+    bounded = trajectory.base is None or base is not None
     edge = "" if machine.support is None else machine.support.edge_name(found.edge)
+    faults = certificate_faults(found, edge, peaks) + faults
     return {
-        "safe": found.safe,
-        "margin": _finite(found.margin),
+        "safe": not faults,
+        "margin": finite(found.margin),
         "required": found.required,
         "margin_at": found.margin_at,
         "edge": edge,
-        "sampled": _finite(found.sampled),
+        "sampled": finite(found.sampled),
         "limits_ok": found.limits_ok,
-        "limit_excess": _finite(found.limit_excess),
+        "limit_excess": finite(found.limit_excess),
         "corner": found.corner,
-        "fault": "" if found.safe else "; ".join(_faults(found, edge)),
+        "fault": "; ".join(faults),
         "duration": trajectory.duration,
         "gap": found.gap if bounded else None,
-        **_measures(machine, trajectory, ground),
+        **_measures(machine, trajectory, question.ground),
         "guarantees": guarantee_fields(found.guarantees),
+        "limits": limit_fields(peaks),
+        "motion": motion_fields(read),
+        "hints": hints_on(read.samples, trajectory, machine, degrees=arguments.degrees)
+        + jump_hint(read, peaks),
+        "rests_on": basis_fields(basis),
         "versions": installed_versions(),
+        "basis": basis,
     }
 
 
-def _measures(
-    machine: Machine, trajectory: Trajectory, ground: Slope | Heightmap
-) -> dict[str, float | None]:
+def _unbounded(question: Question, fault: str, path: Path) -> dict[str, Any]:
+    """`_checked` for a motion whose accelerations have no bound."""
+    nothing = Certificate.of_nothing(question.margin)
+    basis = question.basis(base=False, motion=[f"straight lines through the samples of {path}"])
+    result: dict[str, Any] = dict.fromkeys(
+        ("margin", "margin_at", "sampled", "limit_excess", "duration", "gap", *MEASURES)
+    )
+    return result | {
+        "safe": False,
+        "required": question.margin,
+        "edge": "",
+        "limits_ok": False,
+        "corner": "",
+        "fault": fault,
+        "guarantees": guarantee_fields(nothing.guarantees),
+        "limits": [],
+        "motion": {"file": str(path), "interpolation": "linear"},
+        "hints": [],
+        "rests_on": basis_fields(basis),
+        "versions": installed_versions(),
+        "basis": basis,
+    }
+
+
+def _measures(machine: Machine, trajectory: Trajectory, ground: Ground) -> dict[str, float | None]:
     """Worst sampled values of `MEASURES`; None if the base drives, on lift-off or overflow."""
     if trajectory.base is not None:
         return dict.fromkeys(MEASURES)
@@ -223,61 +324,4 @@ def _measures(
     except ContactLost:
         return dict.fromkeys(MEASURES)
     values: dict[str, Array] = {name: getattr(measures, name) for name in MEASURES}
-    return {name: _finite(worst(values[name])) for name, worst in MEASURES.items()}
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
-
-
-def _table(result: Mapping[str, Any]) -> Table:
-    """Numbers of the result, one per row."""
-
-    def scaled(key: str, factor: float) -> float | None:
-        return None if result[key] is None else factor * result[key]
-
-    return key_table(
-        {
-            "guaranteed margin [m]": result["margin"],
-            "asked for [m]": result["required"],
-            f"least sampled margin [m], at the {result['edge']} edge": result["sampled"],
-            "at [s]": result["margin_at"],
-            "duration [s]": result["duration"],
-            "above the bound of joints and base [%]": scaled("gap", 100.0),
-            "largest load transfer ratio": result["load_transfer_ratio"],
-            "least force angle [rad]": result["force_angle"],
-            "least tip-over energy [kJ]": scaled("tip_over_energy", 1e-3),
-        }
-    )
-
-
-def _verdict(result: Mapping[str, Any]) -> str:
-    """One sentence: safe, or what is not."""
-    if not result["safe"]:
-        return f"Not safe: {result['fault']}."
-    worst = f"; the margin is least with {result['corner']}" if result["corner"] else ""
-    sampled = [found["name"] for found in result["guarantees"] if not found["proven"]]
-    but = f"; not proven, but safe at 2000 samples a second: {', '.join(sampled)}"
-    return f"Safe at all times{worst}{but if sampled else ''}."
-
-
-def _faults(found: Certificate, edge: str) -> list[str]:
-    """What is not guaranteed, one clause each."""
-    reasons, required = [], max(found.required, 0.0)
-    extreme = f" with {found.corner}" if found.corner else ""
-    if not np.isfinite(found.sampled):
-        reasons.append(
-            f"at {found.margin_at:.2f} s the ground would have to hold the machine down{extreme}"
-        )
-    elif not np.isfinite(found.margin):
-        reasons.append(f"no margin is proven{extreme}: {found.doubt}")
-    elif found.margin < required:
-        kept = " less the margin" if found.required else ""
-        leaves = "leaves" if found.sampled < required else "may leave"
-        short = length_text(required - found.margin)
-        reasons.append(
-            f"at {found.margin_at:.2f} s the ZMP {leaves} the {edge} edge{kept} by {short}{extreme}"
-        )
-    faults = [fault_of(broken) for broken in broken_own(found.guarantees)]
-    faults += filter(None, [limit_fault(found.guarantees)])
-    return reasons + [f"the motion {fault}" for fault in faults]
+    return {name: finite(worst(values[name])) for name, worst in MEASURES.items()}

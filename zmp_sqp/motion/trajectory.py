@@ -1,18 +1,19 @@
-"""Joint motion with piecewise linear accelerations, evaluated exactly at any time."""
+"""Joint motion with piecewise polynomial accelerations, evaluated exactly at any time."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from zmp_sqp.arrays import Array, Indices, frozen_array
+from zmp_sqp.arrays import Array, Indices, finite_number, frozen_array
 from zmp_sqp.errors import TrajectoryError
 from zmp_sqp.mechanics.ground import Terrain
 from zmp_sqp.mechanics.machine import Machine
-from zmp_sqp.motion.trajectory_csv import read_csv, write_csv
+from zmp_sqp.motion.trajectory_csv import read_csv, write_csv, write_csv_samples
 from zmp_sqp.motion.trajectory_json import read_json, write_json
 from zmp_sqp.motion.unicycle_motion import PLANE, UnicycleMotion
 
@@ -21,14 +22,19 @@ __all__ = ["Trajectory"]
 # [rad or m, and per second] largest difference between given positions or velocities and those that
 # follow from the accelerations; allows for files with rounded numbers
 CONSISTENCY = 1e-6
+MOST_SAMPLES = 1e7  # of `sampled`, which limits memory
+SHORTEST = 1e-12  # [s, relative above one] times this close to a node are the node
+HIGHER = ("snaps", "crackles")  # attributes that are None unless accelerations are curved
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
     """Motion of n joints, and of the base if it drives, over nodes t_0 = 0 < ... < t_N.
 
-    In interval k, from node k to node k + 1, the acceleration is a_k + j_k (t - t_k). Positions and
-    velocities are continuous; accelerations may jump at the nodes.
+    In interval k, from node k to node k + 1, the acceleration is a_k + j_k (t - t_k). Motions that
+    were interpolated from samples by polynomials of degree five have the terms s_k (t - t_k)^2 / 2
+    and c_k (t - t_k)^3 / 6 too. Positions and velocities are continuous; accelerations may jump at
+    the nodes.
 
     Attributes:
         joint_names: Names of the n joints.
@@ -40,10 +46,14 @@ class Trajectory:
         jerks: Jerks j_k of the intervals, shape (N, n) [rad/s^3 or m/s^3]; None means zero, that
             is, piecewise constant accelerations.
         base: Motion of the base with the nodes of the joints; None if the base stands still.
+        snaps: Fourth derivatives s_k of the positions at the starts of the intervals, shape (N, n)
+            [rad/s^4 or m/s^4]; None if accelerations are linear in all intervals.
+        crackles: Fifth derivatives c_k, shape (N, n) [rad/s^5 or m/s^5]; None together with snaps.
 
     Raises:
-        TrajectoryError: Shapes differ, entries are not finite, times do not increase from 0, or
-            positions and velocities do not follow from the accelerations.
+        TrajectoryError: Shapes differ, entries are not finite, times do not increase from 0,
+            positions and velocities do not follow from the accelerations, or the base moves while
+            there are snaps.
     """
 
     joint_names: tuple[str, ...]
@@ -53,6 +63,8 @@ class Trajectory:
     accelerations: Array
     jerks: Any = None
     base: UnicycleMotion | None = None
+    snaps: Any = None
+    crackles: Any = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joint_names", tuple(self.joint_names))
@@ -68,6 +80,11 @@ class Trajectory:
             "accelerations": count - 1,
             "jerks": count - 1,
         }
+        if self.snaps is not None or self.crackles is not None:
+            shapes |= dict.fromkeys(HIGHER, count - 1)
+        for name in HIGHER:
+            if name in shapes and getattr(self, name) is None:
+                object.__setattr__(self, name, np.zeros((count - 1, n)))
         for name, rows in shapes.items():
             array = frozen_array(
                 getattr(self, name), name=name, shape=(rows, n), error=TrajectoryError
@@ -79,7 +96,20 @@ class Trajectory:
             raise TrajectoryError("times must start at 0 and grow from node to node")
         if self.base is not None and not np.array_equal(self.base.times, times):
             raise TrajectoryError("the base moves at other times than the joints")
+        if self.snaps is not None:
+            self._check_higher()
         self._check_consistency(steps[:, None])
+
+    def _check_higher(self) -> None:
+        """Drop snaps and crackles that are all zero; refuse others beside a base that moves."""
+        if not (self.snaps.any() or self.crackles.any()):
+            for name in HIGHER:
+                object.__setattr__(self, name, None)
+        elif self.base is not None:
+            raise TrajectoryError(
+                "accelerations must be linear between nodes while the base moves: leave out snaps "
+                "and crackles"
+            )
 
     def _check_consistency(self, h: Array) -> None:
         """Raise TrajectoryError if a node does not follow from the one before; h is (N, 1) [s]."""
@@ -127,7 +157,31 @@ class Trajectory:
         a, j = self.accelerations[k], self.jerks[k]
         v = self.velocities[k] + since * a + 0.5 * since**2 * j
         q = self.positions[k] + since * self.velocities[k] + 0.5 * since**2 * a + since**3 * j / 6.0
-        return q, v, a + since * j
+        a = a + since * j
+        if self.snaps is None:
+            return q, v, a
+        s, c = self.snaps[k], self.crackles[k]
+        return (
+            q + since**4 * (s / 24.0 + since * c / 120.0),
+            v + since**3 * (s / 6.0 + since * c / 24.0),
+            a + since**2 * (0.5 * s + since * c / 6.0),
+        )
+
+    def higher_in(self, k: Indices, since: Array) -> tuple[Array, ...]:
+        """Third and, if they are not zero, fourth and fifth derivatives of the positions.
+
+        Args:
+            k: Indices of the intervals, shape (K,).
+            since: Times since the starts of these intervals, shape (K,) [s].
+
+        Returns:
+            Jerks, or jerks, snaps and crackles, shape (K, n) each.
+        """
+        j = self.jerks[k]
+        if self.snaps is None:
+            return (j,)
+        t, s, c = since[:, None], self.snaps[k], self.crackles[k]
+        return j + t * (s + 0.5 * t * c), s + t * c, c
 
     @property
     def duration(self) -> float:
@@ -168,7 +222,7 @@ class Trajectory:
     @property
     def end_accelerations(self) -> Array:
         """Accelerations at the ends of the intervals, shape (N, n) [rad/s^2 or m/s^2]."""
-        return np.asarray(self.accelerations + np.diff(self.times)[:, None] * self.jerks)
+        return self._after(np.arange(self.intervals), np.diff(self.times)[:, None])[2]
 
     def within(self, shares: Array) -> tuple[Array, Array, Array, Array]:
         """Joint states at given fractions of every interval.
@@ -185,38 +239,130 @@ class Trajectory:
         k = np.repeat(np.arange(self.intervals), len(shares))
         return ((self.times[:-1, None] + since).ravel(), *self._after(k, since.reshape(-1, 1)))
 
-    def to_csv(self, path: str | Path) -> None:
-        """Write the motion as CSV, one row per node, SI units, 17 significant digits.
+    def sampled(self, rate: float) -> tuple[Array, Array, Array, Array]:
+        """States at a fixed rate, and at the end.
 
-        The columns are the time, then position, velocity, acceleration and jerk of every joint,
-        then the motion of the base, if there is one. Acceleration and jerk are those of the
-        interval that begins at the node; the last row has the final acceleration and the last jerk.
+        Args:
+            rate: Samples per second [1/s].
+
+        Returns:
+            Times 0, 1 / rate, 2 / rate, ... and the duration, shape (K,) [s]; positions, velocities
+            and accelerations, shape (K, n) each. The last step may be shorter than the others.
+
+        Raises:
+            TrajectoryError: The rate is not positive, or asks for more than 10 million samples.
+        """
+        times = self._sample_times(rate)
+        return times, *self(times)
+
+    def _sample_times(self, rate: float) -> Array:
+        """Multiples of 1 / rate within the motion, and its end."""
+        rate = finite_number(rate, name="rate", error=TrajectoryError)
+        if not 0.0 < rate * max(self.duration, 1e-9) <= MOST_SAMPLES or rate <= 0.0:
+            raise TrajectoryError(
+                f"rate must be positive and give at most {MOST_SAMPLES:.0e} samples, not {rate:g} "
+                f"1/s of a motion of {self.duration:.6g} s"
+            )
+        times = np.arange(int(self.duration * rate) + 1) / rate
+        # a sample that is at the end but for rounding is the end
+        return np.append(times[times < self.duration - 1e-9 / rate], self.duration)
+
+    def after(self, t: float) -> Trajectory:
+        """The rest of the motion from a time on, as a motion that begins at time 0.
+
+        Positions, rates and accelerations are those of this motion, t later; the base's too.
+
+        Args:
+            t: Time within [0, duration] [s].
+
+        Raises:
+            TrajectoryError: The time is outside the motion or not finite.
+        """
+        t = finite_number(t, name="t", error=TrajectoryError)
+        self(t)  # raises for times outside the motion
+        t = min(max(t, 0.0), self.duration)
+        k, since = (part[0] for part in self.locate(np.array([t])))
+        if k + 1 < self.intervals and self.times[k + 1] - t <= SHORTEST * max(1.0, self.duration):
+            k, since = k + 1, 0.0  # a node but for rounding
+        at = np.array([k]), np.array([float(since)])
+        q, v, a = self.state_in(*at)
+        j, *higher = self.higher_in(*at)
+        times = np.append(0.0, self.times[k + 1 :] - (self.times[k] + float(since)))
+
+        def rest(first: Array, array: Array) -> Array:
+            return np.vstack([first, array[k + 1 :]])
+
+        base = None if self.base is None else self.base.after(int(k), float(since), times)
+        snaps, crackles = (
+            (None, None)
+            if self.snaps is None
+            else (rest(higher[0], self.snaps), rest(higher[1], self.crackles))
+        )
+        return Trajectory(
+            self.joint_names,
+            times,
+            rest(q, self.positions),
+            rest(v, self.velocities),
+            rest(a, self.accelerations),
+            rest(j, self.jerks),
+            base,
+            snaps,
+            crackles,
+        )
+
+    def to_csv(self, path: str | Path, rate: float | None = None) -> None:
+        """Write the motion as CSV, SI units, 17 significant digits.
+
+        Without a rate there is one row per node, from which `from_csv` restores every bit. The
+        columns are the time, then position, velocity, acceleration and jerk of every joint (and
+        snap and crackle, if accelerations are curved), then the motion of the base, if there is
+        one. Acceleration and jerk are those of the interval that begins at the node; the last row
+        has the final acceleration and the last jerk.
+
+        With a rate the rows are those of `sampled`, with positions and velocities, and pose and
+        velocity of the base: what is between the rows is up to whoever reads them.
 
         Args:
             path: File to write.
+            rate: Rows per second [1/s]; None writes the nodes.
+
+        Raises:
+            TrajectoryError: See `sampled`.
         """
-        write_csv(path, self.joint_names, self.times, self._node_rows(), self.base)
+        if rate is None:
+            write_csv(path, self.joint_names, self.times, self.node_rows(), self.base)
+            return
+        times = self._sample_times(rate)
+        q, v, _ = self(times)
+        base = None if self.base is None else np.hstack(self.base(times)[:2])
+        write_csv_samples(path, self.joint_names, times, (q, v), base)
 
     def to_json(self, path: str | Path) -> None:
         """Write the motion as JSON, with the fields of ROS's trajectory_msgs/JointTrajectory.
 
         These fields are `joint_names` and `points`. Each point has three more fields: `jerks`,
-        `time` in full precision and, if the base moves, `base` with its columns of `to_csv`.
+        `time` in full precision and, if the base moves, `base` with its columns of `to_csv`. The
+        file is for `from_json`; a ROS controller would play quintics through its accelerations,
+        which is another motion: `zmp_sqp.export_motion` writes what it plays as planned.
 
         Args:
             path: File to write.
         """
-        write_json(path, self.joint_names, self.times, self._node_rows(), self.base)
+        write_json(path, self.joint_names, self.times, self.node_rows(), self.base)
 
-    def _node_rows(self) -> tuple[Array, Array, Array, Array]:
-        """Positions, velocities, accelerations and jerks at the nodes, shape (N+1, n) each."""
-        accelerations = np.vstack([self.accelerations, self.end_accelerations[-1:]])
-        return (
-            self.positions,
-            self.velocities,
-            accelerations,
-            np.vstack([self.jerks, self.jerks[-1:]]),
-        )
+    def node_rows(self) -> tuple[Array, ...]:
+        """Positions and their derivatives at the nodes, shape (N+1, n) each.
+
+        Derivatives from the second on are those of the interval that begins at the node; those of
+        the last node are the final ones of the last interval.
+        """
+        last = np.array([self.intervals - 1]), np.diff(self.times)[-1:]
+        rows = [self.positions, self.velocities]
+        rows.append(np.vstack([self.accelerations, self.end_accelerations[-1:]]))
+        higher = [self.jerks] if self.snaps is None else [self.jerks, self.snaps, self.crackles]
+        final = self.higher_in(*last)
+        rows += [np.vstack(pair) for pair in zip(higher, final, strict=True)]
+        return tuple(rows)
 
     @classmethod
     def from_json(cls, path: str | Path, machine: Machine, ground: Terrain = PLANE) -> Trajectory:
@@ -235,7 +381,7 @@ class Trajectory:
             TrajectoryError: The file cannot be read, has other joints than the machine, lacks a
                 field, or does not contain a consistent motion.
         """
-        return cls._from_rows(machine, *read_json(path, machine.joint_names, ground))
+        return cls.from_rows(machine, *read_json(path, machine.joint_names, ground))
 
     @classmethod
     def from_csv(cls, path: str | Path, machine: Machine, ground: Terrain = PLANE) -> Trajectory:
@@ -254,14 +400,24 @@ class Trajectory:
             TrajectoryError: The file cannot be read, lacks a column, has an unknown one, or does
                 not contain a consistent motion.
         """
-        return cls._from_rows(machine, *read_csv(path, machine.joint_names, ground))
+        return cls.from_rows(machine, *read_csv(path, machine.joint_names, ground))
 
     @classmethod
-    def _from_rows(
-        cls, machine: Machine, times: Array, rows: list[Array], base: UnicycleMotion | None
+    def from_rows(
+        cls, machine: Machine, times: Array, rows: Sequence[Array], base: UnicycleMotion | None
     ) -> Trajectory:
-        """Trajectory from the inverse of `_node_rows`."""
-        position, velocity, acceleration, jerk = rows
-        return cls(
-            machine.joint_names, times, position, velocity, acceleration[:-1], jerk[:-1], base
-        )
+        """Trajectory from nodes, the inverse of `node_rows`.
+
+        Args:
+            machine: Gives the joints.
+            times: Nodes, shape (N+1,) [s].
+            rows: Positions, velocities, accelerations, and jerks or more, shape (N+1, n) each.
+            base: Motion of the base.
+
+        Raises:
+            TrajectoryError: No consistent motion.
+        """
+        position, velocity, acceleration, *higher = rows
+        joints = machine.joint_names, times, position, velocity, acceleration[:-1]
+        jerk, snap, crackle = (*(part[:-1] for part in higher), None, None, None)[:3]
+        return cls(*joints, jerk, base, snap, crackle)

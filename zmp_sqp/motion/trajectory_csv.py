@@ -11,11 +11,12 @@ import numpy as np
 from zmp_sqp.arrays import Array
 from zmp_sqp.errors import TrajectoryError
 from zmp_sqp.mechanics.ground import Terrain
+from zmp_sqp.motion.samples import QUANTITIES
 from zmp_sqp.motion.unicycle_motion import BASE_COLUMNS, PLANE, UnicycleMotion
 
-__all__ = ["read_csv", "write_csv"]
+__all__ = ["read_csv", "write_csv", "write_csv_samples"]
 
-QUANTITIES = ("position", "velocity", "acceleration", "jerk")  # of each joint, in this order
+CURVED = QUANTITIES[4:]  # quantities that only motions with curved accelerations have
 
 
 def write_csv(
@@ -25,7 +26,7 @@ def write_csv(
     rows: Sequence[Array],
     base: UnicycleMotion | None,
 ) -> None:
-    """Write a motion: time, then each of `QUANTITIES` for all joints, then the base's columns.
+    """Write a motion: time, then quantities for all joints, then the base's columns.
 
     Numbers are in SI units and have 17 significant digits, so that reading restores every bit.
 
@@ -33,13 +34,32 @@ def write_csv(
         path: File to write.
         joint_names: Names of the n joints.
         times: Nodes, shape (N+1,) [s].
-        rows: One array (N+1, n) for each of `QUANTITIES`.
+        rows: One array (N+1, n) for each of `QUANTITIES`, or for the first four of them.
         base: Motion of the base, written to the columns `BASE_COLUMNS`; None writes none of them.
     """
-    header = ["time", *_joint_columns(joint_names)]
+    write_csv_samples(path, joint_names, times, rows, None if base is None else base.table())
+
+
+def write_csv_samples(
+    path: str | Path,
+    joint_names: Sequence[str],
+    times: Array,
+    rows: Sequence[Array],
+    base: Array | None,
+) -> None:
+    """Write states as CSV: time, then quantities for all joints, then the base's columns.
+
+    Args:
+        path: File to write.
+        joint_names: Names of the n joints.
+        times: Shape (K,) [s].
+        rows: One array (K, n) for each of the first of `QUANTITIES`.
+        base: The first columns of `BASE_COLUMNS`; None for none.
+    """
+    header = ["time", *_joint_columns(joint_names, QUANTITIES[: len(rows)])]
     table = np.column_stack([times, *rows])
     if base is not None:
-        header, table = [*header, *BASE_COLUMNS], np.hstack([table, base.table()])
+        header, table = [*header, *BASE_COLUMNS[: base.shape[1]]], np.hstack([table, base])
     with Path(path).open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(header)
@@ -59,8 +79,9 @@ def read_csv(
         ground: Ground on which the base drives.
 
     Returns:
-        Times (N+1,) [s]; one array (N+1, n) for each of `QUANTITIES`, joints in the order of
-        `joint_names`; the motion of the base, or None if the file has none.
+        Times (N+1,) [s]; one array (N+1, n) for each of `QUANTITIES` (the first four if
+        accelerations are linear), joints in the order of `joint_names`; the motion of the base, or
+        None if the file has none.
 
     Raises:
         ProblemError: The base leaves the map.
@@ -68,8 +89,10 @@ def read_csv(
             has an entry that is not a number, or has an inconsistent motion of the base.
     """
     header, entries = _read_rows(path)
-    has_jerks = any(column.endswith(f".{QUANTITIES[3]}") for column in header)
-    joint_columns = _joint_columns(joint_names, QUANTITIES if has_jerks else QUANTITIES[:3])
+    optional = [
+        name for name in QUANTITIES[3:] if any(entry.endswith(f".{name}") for entry in header)
+    ]
+    joint_columns = _joint_columns(joint_names, (*QUANTITIES[:3], *optional))
     base_columns: list[str] = []
     if BASE_COLUMNS[0] in header:
         base_columns = [
@@ -83,7 +106,7 @@ def read_csv(
     times = column_of["time"]
     rows = [
         np.column_stack([column_of.get(f"{joint}.{quantity}", absent) for joint in joint_names])
-        for quantity in QUANTITIES
+        for quantity in (QUANTITIES if set(CURVED) & set(optional) else QUANTITIES[:4])
     ]
     if not base_columns:
         return times, rows, None
@@ -91,7 +114,7 @@ def read_csv(
     return times, rows, UnicycleMotion.from_table(times, base_table, ground)
 
 
-def _joint_columns(joint_names: Sequence[str], quantities: Sequence[str] = QUANTITIES) -> list[str]:
+def _joint_columns(joint_names: Sequence[str], quantities: Sequence[str]) -> list[str]:
     """Names of the columns of all joints."""
     return [f"{joint}.{quantity}" for quantity in quantities for joint in joint_names]
 

@@ -16,12 +16,17 @@ from zmp_sqp.motion.unicycle_motion import BASE_COLUMNS, PLANE, UnicycleMotion
 
 __all__ = ["read_json", "write_json"]
 
-FIELDS = ("positions", "velocities", "accelerations", "jerks")  # of a point; ROS has no jerks
+# of a point; ROS has the first three, and only motions with curved accelerations have the last two
+FIELDS = ("positions", "velocities", "accelerations", "jerks", "snaps", "crackles")
+MADE_FOR = (
+    "piecewise polynomials of zmp_sqp: with these accelerations a ROS joint_trajectory_controller "
+    "plays quintics, which is another motion; zmp_sqp.export_motion writes what it plays as planned"
+)
 BASE_FIELDS = tuple(name.removeprefix("base.") for name in BASE_COLUMNS)
 # largest difference between `time` and `time_from_start`, which is rounded to nanoseconds, relative
 # to 1 s + |time|
 STAMP_TOLERANCE = 2e-9
-MAY_BE_ABSENT = ("jerks", "jerk", "yaw_jerk")  # fields that may be left out and are zero then
+MAY_BE_ABSENT = (*FIELDS[3:], "jerk", "yaw_jerk")  # fields that may be left out and are zero then
 
 
 def write_json(
@@ -40,23 +45,22 @@ def write_json(
         path: File to write.
         joint_names: Names of the n joints.
         times: Nodes, shape (N+1,) [s].
-        rows: One array (N+1, n) for each of `FIELDS`.
+        rows: One array (N+1, n) for each of `FIELDS`, or for the first four of them.
         base: Motion of the base, written as an object with the keys `BASE_FIELDS`; None writes no
             such object.
     """
     points = []
     for time, *entries in zip(times.tolist(), *(row.tolist() for row in rows), strict=True):
         seconds, nanoseconds = divmod(round(time * 1e9), 1_000_000_000)
-        point: dict[str, Any] = dict(zip(FIELDS, entries, strict=True))
+        point: dict[str, Any] = dict(zip(FIELDS, entries, strict=False))
         point["time_from_start"] = {"sec": seconds, "nanosec": nanoseconds}
         point["time"] = time
         points.append(point)
     if base is not None:
         for point, entries in zip(points, base.table().tolist(), strict=True):
             point["base"] = dict(zip(BASE_FIELDS, entries, strict=True))
-    text = json.dumps(
-        {"joint_names": list(joint_names), "points": points}, indent=1, allow_nan=False
-    )
+    content = {"joint_names": list(joint_names), "points": points, "made_for": MADE_FOR}
+    text = json.dumps(content, indent=1, allow_nan=False)
     Path(path).write_text(text + "\n", encoding="utf-8")
 
 
@@ -74,8 +78,9 @@ def read_json(
         ground: Ground on which the base drives.
 
     Returns:
-        Times (N+1,) [s]; one array (N+1, n) for each of `FIELDS`, joints in the order of
-        `joint_names`; the motion of the base, or None if the file has none.
+        Times (N+1,) [s]; one array (N+1, n) for each of `FIELDS` (the first four if accelerations
+        are linear), joints in the order of `joint_names`; the motion of the base, or None if the
+        file has none.
 
     Raises:
         ProblemError: The base leaves the map.
@@ -109,17 +114,26 @@ def read_json(
     times = np.array(
         [_time(point, f"{path}: point {number}") for number, point in enumerate(points)]
     )
-    rows = [_column(points, field, len(names), str(path))[:, order] for field in FIELDS]
+    curved = any(field in point for point in points for field in FIELDS[4:])
+    fields = FIELDS if curved else FIELDS[:4]
+    rows = [_column(points, field, len(names), str(path))[:, order] for field in fields]
+    return times, rows, _base(points, times, str(path), ground)
+
+
+def _base(
+    points: Sequence[Mapping[str, Any]], times: Array, path: str, ground: Terrain
+) -> UnicycleMotion | None:
+    """Motion of the base, or None if no point has one."""
     with_base = ["base" in point for point in points]
     if not any(with_base):
-        return times, rows, None
+        return None
     if not all(with_base) or not all(isinstance(point["base"], dict) for point in points):
         raise TrajectoryError(f"{path}: base must be an object at every point, or at none")
     table = [
         [_entry(point["base"], field, f"{path}: point {i}: base ") for field in BASE_FIELDS]
         for i, point in enumerate(points)
     ]
-    return times, rows, UnicycleMotion.from_table(times, np.array(table), ground)
+    return UnicycleMotion.from_table(times, np.array(table), ground)
 
 
 def _time(point: Mapping[str, Any], where: str) -> float:

@@ -200,6 +200,22 @@ class UnicycleMotion:
             else (pose, velocity, acceleration)
         )
 
+    def after(self, k: int, since: float, times: Array) -> UnicycleMotion:
+        """The rest of the motion from a time in interval k on.
+
+        Args:
+            k: Index of the interval.
+            since: Time since its start [s].
+            times: Nodes of the rest, from 0 on, shape (N+1-k,) [s].
+        """
+        at = np.array([k]), np.array([since])
+        rows = *self.state_in(*at), self.jerks[[k]]
+        arrays = self.poses, self.velocities, self.accelerations, self.jerks
+        poses, velocities, accelerations, jerks = (
+            np.vstack([row, array[k + 1 :]]) for row, array in zip(rows, arrays, strict=True)
+        )
+        return UnicycleMotion(times, poses, velocities, accelerations, jerks, self.ground)
+
     def peaks(self, k: Indices, since: Array, length: Array) -> Array:
         """Bounds on velocity, acceleration and jerk over K subintervals.
 

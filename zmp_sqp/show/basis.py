@@ -16,7 +16,14 @@ from zmp_sqp.planning import PathConstraint, Problem
 if TYPE_CHECKING:
     from rich.table import Table
 
-__all__ = ["BASIS_KEYS", "Basis", "basis_fields", "basis_lines", "basis_table"]
+__all__ = [
+    "BASIS_KEYS",
+    "Basis",
+    "basis_fields",
+    "basis_lines",
+    "basis_table",
+    "uncertainties_of_problem",
+]
 
 BASIS_KEYS = """\
   rests_on                  what the verdict rests on, in words: machine, ground, payload, margin,
@@ -131,9 +138,14 @@ class Basis:
             problem.margin,
             constraints=problem.own_constraints,
             base=problem.base is not None,
-            uncertainties={name: getattr(problem, name) for name in (*UNCERTAIN, COM)},
+            uncertainties=uncertainties_of_problem(problem),
             motion=motion,
         )
+
+
+def uncertainties_of_problem(problem: Problem) -> dict[str, Any]:
+    """Uncertainties of a problem by the names of its attributes."""
+    return {name: getattr(problem, name) for name in (*UNCERTAIN, COM)}
 
 
 def basis_fields(basis: Basis) -> dict[str, Any]:
@@ -146,7 +158,11 @@ def basis_fields(basis: Basis) -> dict[str, Any]:
 
 def basis_lines(basis: Basis) -> list[str]:
     """Basis as lines of text, one per attribute that says something."""
-    rows = [f"  {head:<{INDENT}}{text}" for head, text in _rows(basis)]
+    rows = [
+        f"  {'' if number else head:<{INDENT}}{line}"
+        for head, text in _rows(basis)
+        for number, line in enumerate(text.split("\n"))
+    ]
     return [TITLE, *rows]
 
 
@@ -172,7 +188,11 @@ def _rows(basis: Basis) -> list[tuple[str, str]]:
     lists = {
         field.name: getattr(basis, field.name) for field in fields(Basis) if field.name not in words
     }
-    words |= {name: "; ".join(entries) for name, entries in lists.items() if entries}
+    words |= {
+        name: ("\n" if name == "motion" else "; ").join(entries)
+        for name, entries in lists.items()
+        if entries
+    }
     heads = {"looked_at": "looked at", "not_looked_at": "not looked at", "exact": "taken as exact"}
     return [(heads.get(name, name), text) for name, text in words.items()]
 

@@ -23,7 +23,7 @@ from zmp_sqp.planning.problem.problem import Problem
 from zmp_sqp.planning.problem.unicycle_base import UnicycleBase
 from zmp_sqp.planning.proof.base_check import base_guarantees
 from zmp_sqp.planning.proof.corner_efforts import CornerEfforts, grouped
-from zmp_sqp.planning.proof.corner_motion import CornerMotion, MotionEfforts, row_scale
+from zmp_sqp.planning.proof.corner_motion import CornerMotion, MotionEfforts, is_proven, row_scale
 from zmp_sqp.planning.proof.effort_chords import EffortChords
 from zmp_sqp.planning.proof.effort_curves import EffortCurves
 from zmp_sqp.planning.proof.limits_in_time import joints_least_duration, limit_guarantee
@@ -195,6 +195,7 @@ def certify_at(
     base: UnicycleBase | None = None,
     constraints: Sequence[PathConstraint] = (),
     coordinates: Coordinates | None = None,
+    limit_allowance: Array | None = None,
 ) -> Certificate:
     """Certificate of a motion at several corners of payload and slope: the least guarantees.
 
@@ -203,6 +204,7 @@ def certify_at(
         trajectory, margin, base, constraints: Arguments of `certify`.
         coordinates: Planning coordinates that constraints of the simplified model need; None if
             the joints themselves were planned.
+        limit_allowance: Excess over joint limits that counts as kept, see `limit_guarantee`.
     """
     first = corners[0]
     check_arguments(first.machine, trajectory, first.ground)
@@ -215,7 +217,7 @@ def certify_at(
     planned = coordinates or Coordinates.identity(first.machine.size)
     merged = _prove_all(corners, driven, required, every, planned)
     guarantees = [proof.guarantee for proof in merged]
-    of_joints, excess = limit_guarantee(first.machine, trajectory)
+    of_joints, excess = limit_guarantee(first.machine, trajectory, limit_allowance)
     guarantees.append(of_joints)
     least_duration = joints_least_duration(first.machine, trajectory)
     if base is not None:
@@ -327,7 +329,7 @@ def _prove(
         found = []
         for name, part, value, margin in zip(names, rows, least, asked, strict=True):
             piece, corner = motion.numbers(value.interval)
-            if not part[corner].proven:
+            if not is_proven(part[corner], trajectory):
                 _sample_densely(part[corner], corners[corner].machine, trajectory, value)
             elif efforts.exhausted:
                 _recompute_sample(part[corner], motion, (piece, corner), value)
@@ -357,7 +359,7 @@ def _proof(
         unit=rows.units[least.row],
         time=least.time,
         corner=corner.text,
-        proven=rows.proven,
+        proven=is_proven(rows, motion.trajectory),
         required=required,
     )
     return _Proof(guarantee, scaled, least.sampled * scale, least.row, doubt)

@@ -15,10 +15,10 @@ from zmp_sqp.motion.trajectory import Trajectory
 from zmp_sqp.planning.constraints.effort_rows import EffortRows
 from zmp_sqp.planning.constraints.protocol import ConstraintRows, MotionSample, Stretch
 from zmp_sqp.planning.constraints.tip_over import ContactRows, TipOverRows
-from zmp_sqp.planning.proof.joint_peaks import peaks
+from zmp_sqp.planning.proof.joint_peaks import joint_peaks
 from zmp_sqp.planning.proof.subdivision import Mask, StretchValues
 
-__all__ = ["CornerMotion", "MotionEfforts", "row_scale"]
+__all__ = ["CornerMotion", "MotionEfforts", "is_proven", "row_scale"]
 
 
 class MotionEfforts(Protocol):
@@ -163,9 +163,7 @@ class CornerMotion:
         reach = v = a = j = nothing
         if not isinstance(rows, EffortRows):
             states = [self.trajectory.state_in(interval, at) for at in (start, end)]
-            both = tuple(np.vstack(pair) for pair in zip(*states, strict=True))
-            j = np.abs(self.trajectory.jerks[interval])
-            reach, v, a = peaks(both, j, stretches.delta[:, None])
+            reach, v, a, j = joint_peaks(self.trajectory, interval, start, stretches.delta)
         control = stretches.control
         stretch = Stretch(
             start=MotionSample(machine, *states[0], control[0]),
@@ -180,7 +178,7 @@ class CornerMotion:
             control=control,
         )
         times = self.trajectory.times[interval] + stretches.since
-        return _stretch_values(rows, stretch, times)
+        return _stretch_values(rows, stretch, times, proven=is_proven(rows, self.trajectory))
 
 
 class _Stretches:
@@ -215,13 +213,25 @@ class _Stretches:
         )
 
 
-def _stretch_values(rows: ConstraintRows, stretch: Stretch, times: Array) -> StretchValues:
+def is_proven(rows: ConstraintRows, trajectory: Trajectory) -> bool:
+    """Whether rows have a bound between samples of this motion.
+
+    Bounds of rows that are not affine in the efforts count on accelerations that are linear within
+    the intervals.
+    """
+    return rows.proven and (isinstance(rows, EffortRows) or trajectory.snaps is None)
+
+
+def _stretch_values(
+    rows: ConstraintRows, stretch: Stretch, times: Array, *, proven: bool
+) -> StretchValues:
     """Least value of a constraint's rows on K stretches, in the unit of the first row.
 
     Args:
         rows: The constraint.
         stretch: The stretches.
         times: Times of starts and ends, shape (2, K) [s].
+        proven: Whether rows have a bound between the samples, see `is_proven`.
     """
     if isinstance(rows, EffortRows):
         room = rows.room_of(stretch)
@@ -229,7 +239,7 @@ def _stretch_values(rows: ConstraintRows, stretch: Stretch, times: Array) -> Str
     else:
         room = np.stack([rows.room(sample) for sample in (stretch.start, stretch.end)])
         bound = reachable = np.minimum(room[0], room[-1])
-        if rows.proven:
+        if proven:
             bound, reachable = rows.least_between(stretch, bound)
     start, end, scale = room[0], room[-1], row_scale(rows)
     if (scale != 1.0).any():

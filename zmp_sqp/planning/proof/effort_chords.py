@@ -23,7 +23,7 @@ from zmp_sqp.mechanics.wrench import efforts
 from zmp_sqp.motion.root_motion import root_motion, root_motion_bounds
 from zmp_sqp.motion.trajectory import Trajectory
 from zmp_sqp.motion.unicycle_motion import UnicycleMotion
-from zmp_sqp.planning.proof.joint_peaks import peaks
+from zmp_sqp.planning.proof.joint_peaks import joint_peaks, peaks
 from zmp_sqp.planning.proof.position_errors import misplaced_root_bounds
 from zmp_sqp.planning.proof.subdivision import Mask
 
@@ -125,10 +125,7 @@ class EffortChords:
         # bounds on a whole interval are tight enough for its stretches if intervals are short
         if self.length.max() <= STRETCHES * LONGEST:
             return self.curvature[interval]
-        ends = [self.trajectory.state_in(interval, at) for at in (since, since + delta)]
-        both = tuple(np.vstack(pair) for pair in zip(*ends, strict=True))
-        j = np.abs(self.trajectory.jerks[interval])
-        reach, v, a = peaks(both, j, delta[:, None])
+        reach, v, a, j = joint_peaks(self.trajectory, interval, since, delta)
         base, height = _base_of(self.trajectory), abs(_height(self.machine))
         root = root_motion_bounds(base, interval, since, delta, height=height)
         return effort_bounds(

@@ -1,7 +1,7 @@
 r"""Polynomials of time that stand in for inverse dynamics, with a bound on their error.
 
-Accelerations are linear in time within an interval, so that efforts are entire functions of time
-there. A function f that is bounded by :math:`M(\rho)` on the ellipse with the semi-axes
+Accelerations are polynomials of time within an interval, so that efforts are entire functions of
+time there. A function f that is bounded by :math:`M(\rho)` on the ellipse with the semi-axes
 :math:`\tau (\rho \pm 1/\rho) / 2` about a piece of the length :math:`2 \tau` differs from the
 polynomial p of degree n through its values at n + 1 Chebyshev points by at most
 
@@ -15,6 +15,9 @@ the points, which holds for the roots that are used here, too). `effort_size` gi
 acceleration a and jerk j at the centre
 
 .. math:: |\mathrm{Im} q| \le B (|v| + A |a| + A^2 |j| / 2)
+
+Where accelerations are cubics, :math:`A^3 |s| / 6 + A^4 |c| / 24` with the snap s and the crackle c
+joins the terms in the brackets.
 """
 
 from __future__ import annotations
@@ -34,7 +37,7 @@ from zmp_sqp.mechanics.ground import GRAVITY
 from zmp_sqp.motion.root_motion import root_motion_bounds
 from zmp_sqp.motion.trajectory import Trajectory
 from zmp_sqp.planning.proof.corner_efforts import CornerEfforts, gravity_of
-from zmp_sqp.planning.proof.joint_peaks import peaks
+from zmp_sqp.planning.proof.joint_peaks import joint_peaks
 from zmp_sqp.planning.proof.subdivision import Mask
 
 __all__ = ["EffortCurves", "control_points"]
@@ -278,14 +281,20 @@ def _norms(
     Returns:
         Norms with K = E P columns.
     """
-    j = trajectory.jerks[interval]
-    q, v, a, j = (
+    q, v, a, j, *higher = (
         np.ascontiguousarray(np.abs(part).T)[:, None]
-        for part in (*trajectory.state_in(interval, centre), j)
+        for part in (
+            *trajectory.state_in(interval, centre),
+            *trajectory.higher_in(interval, centre),
+        )
     )  # (n, 1, P)
     n, zero = len(q), np.zeros(A.size)
     change = A * j
     rate = A * (0.5 * change + a) + v  # (n, E, P)
+    if higher:
+        s, c = higher
+        change = change + A**2 * (0.5 * s + A * c / 6.0)
+        rate = rate + A**3 * (s / 6.0 + A * c / 24.0)
     reach = q + A * rate if any(body.slides for body in bodies) else rate  # else not used
     parts = (B * rate, reach, rate, a + change)
     imaginary, reach, rate, acceleration = (part.reshape(n, -1) for part in parts)
@@ -343,6 +352,9 @@ def _rounding(
     q, v, a = (np.abs(part)[pieces.interval] for part in ends)
     j, h = np.abs(trajectory.jerks[pieces.interval]), h[:, None]
     turned = (q + h * (v + h * a + h**2 * j)).sum(axis=1)
+    if trajectory.snaps is not None:
+        s, c = (np.abs(part)[pieces.interval] for part in (trajectory.snaps, trajectory.crackles))
+        turned = turned + (h**4 * (s + h * c)).sum(axis=1)
     if (base := trajectory.base) is not None:
         (_, (spin, _, _)) = base.peaks(pieces.interval, 0.0 * pieces.since, h[:, 0])
         turned = turned + np.abs(base.poses[pieces.interval, 2]) + h[:, 0] * spin
@@ -363,11 +375,7 @@ def _with_spread(error: EffortBound, efforts: CornerEfforts, pieces: _Pieces) ->
         pieces: Pieces of the motion.
     """
     machine, trajectory = efforts.corners[0].machine, efforts.trajectory
-    since = pieces.since, pieces.since + pieces.length
-    ends = [trajectory.state_in(pieces.interval, at) for at in since]
-    both = tuple(np.vstack(pair) for pair in zip(*ends, strict=True))
-    jerks = np.abs(trajectory.jerks[pieces.interval])
-    _, v, a = peaks(both, jerks, pieces.length[:, None])
+    _, v, a, _ = joint_peaks(trajectory, pieces.interval, pieces.since, pieces.length)
     base = None
     if trajectory.base is not None:
         base = root_motion_bounds(

@@ -1,4 +1,4 @@
-"""Joint limits of a motion at all times, in closed form."""
+"""Joint limits of a motion at all times: in closed form, or by control points for quintics."""
 
 from __future__ import annotations
 
@@ -12,12 +12,51 @@ from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.motion.double_integrator import slowest_minimum_time
 from zmp_sqp.motion.trajectory import Trajectory
 from zmp_sqp.planning.constraints.guarantee import Guarantee
+from zmp_sqp.planning.proof.polynomial_extremes import joint_extremes
+from zmp_sqp.planning.proof.subdivision import Mask
 
-__all__ = ["LIMIT_TOLERANCE", "joints_least_duration", "limit_excess", "limit_guarantee"]
+__all__ = [
+    "LIMIT_TOLERANCE",
+    "LimitPeak",
+    "joints_least_duration",
+    "limit_excess",
+    "limit_guarantee",
+    "limit_peaks",
+]
 
 # excess over a limit that counts as rounding, as a share of the limit if that is below one
 LIMIT_TOLERANCE = 1e-9
 KINDS = ("upper position", "lower position", "velocity", "acceleration")
+UNITS = ("", "", "/s", "/s^2")  # what follows the unit of the joint
+
+
+@dataclass(frozen=True, slots=True)
+class LimitPeak:
+    """Largest value of one quantity of one joint, beside its limit.
+
+    Attributes:
+        joint: Name of the joint.
+        limit: "upper position", "lower position", "velocity" or "acceleration".
+        unit: Unit of the numbers, such as "rad/s".
+        allowed: The limit; NaN if none is given, infinite if there is none.
+        value: Largest coordinate, for the lower position the least; or largest |rate| or
+            |acceleration|, at any time.
+        time: When it has this value [s].
+        excess: Value beyond the limit; negative or zero where the limit is kept, -inf without a
+            limit.
+        allowance: Excess that counts as rounding.
+        kept: Whether the limit is kept but for rounding.
+    """
+
+    joint: str
+    limit: str
+    unit: str
+    allowed: float
+    value: float
+    time: float
+    excess: float
+    allowance: float
+    kept: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,16 +109,27 @@ def limit_excess(machine: Machine, trajectory: Trajectory) -> tuple[float, float
     return float(excess.max()), float(relative.max())
 
 
-def limit_guarantee(machine: Machine, trajectory: Trajectory) -> tuple[Guarantee, float]:
-    """Least room that a motion leaves to a joint limit, in closed form, and the largest excess.
+def limit_guarantee(
+    machine: Machine, trajectory: Trajectory, allowance: Array | None = None
+) -> tuple[Guarantee, float]:
+    """Least room that a motion leaves to a joint limit, at all times, and the largest excess.
 
-    An excess that counts as rounding (`LIMIT_TOLERANCE`) makes a guarantee of zero.
+    An excess that counts as rounding (`LIMIT_TOLERANCE`, or the allowance) makes a guarantee of
+    zero.
+
+    Args:
+        machine: Gives the limits.
+        trajectory: The motion.
+        allowance: Excess over upper and lower position, rate and acceleration that counts as
+            rounding of given samples, shape (4, n); None counts none.
     """
     with np.errstate(all="ignore"):
         excess, relative, times = _excesses(machine, trajectory)
-    kind, joint = np.unravel_index(int(np.argmax(relative)), relative.shape)
-    room, kept = -float(excess[kind, joint]), bool(relative[kind, joint] <= LIMIT_TOLERANCE)
-    unit = _joint_units(machine)[joint] + ("", "", "/s", "/s^2")[kind]
+    within = _within(excess, relative, allowance)
+    worst = np.argmax(relative if within.all() else np.where(within, -np.inf, relative))
+    kind, joint = np.unravel_index(int(worst), relative.shape)
+    room, kept = -float(excess[kind, joint]), bool(within[kind, joint])
+    unit = _joint_units(machine)[joint] + UNITS[kind]
     guarantee = Guarantee(
         name="joint_limits",
         label=f"{machine.joint_names[joint]} {KINDS[kind]}",
@@ -90,6 +140,56 @@ def limit_guarantee(machine: Machine, trajectory: Trajectory) -> tuple[Guarantee
         proven=True,
     )
     return guarantee, float(excess.max())
+
+
+def limit_peaks(
+    machine: Machine, trajectory: Trajectory, allowance: Array | None = None
+) -> tuple[LimitPeak, ...]:
+    """Largest values of a motion beside every joint limit, joint by joint in the order of `KINDS`.
+
+    Args:
+        machine, trajectory, allowance: Arguments of `limit_guarantee`.
+    """
+    limits = machine.limits
+    bounds = np.stack(
+        [limits.position_upper, limits.position_lower, limits.velocity, limits.acceleration]
+    )
+    with np.errstate(all="ignore"):
+        values, times = _peaks(trajectory)
+        excess, relative, _ = _excesses(machine, trajectory)
+    values = values * np.array([1.0, -1.0, 1.0, 1.0])[:, None]
+    allowed, units = _allowed(machine, allowance), _joint_units(machine)
+    within = _within(excess, relative, allowance)
+    return tuple(
+        LimitPeak(
+            name,
+            kind,
+            units[i] + UNITS[row],
+            allowed=float(bounds[row, i]),
+            value=float(values[row, i]),
+            time=float(times[row, i]),
+            excess=float(excess[row, i]),
+            allowance=float(allowed[row, i]),
+            kept=bool(within[row, i]),
+        )
+        for i, name in enumerate(machine.joint_names)
+        for row, kind in enumerate(KINDS)
+    )
+
+
+def _within(excess: Array, relative: Array, allowance: Array | None) -> Mask:
+    """Which limits are kept but for rounding, shape (4, n)."""
+    within = relative <= LIMIT_TOLERANCE
+    return within if allowance is None else within | (excess <= allowance)
+
+
+def _allowed(machine: Machine, allowance: Array | None) -> Array:
+    """Excess over each limit that counts as rounding, shape (4, n)."""
+    limits = machine.limits
+    own = np.full((4, machine.size), LIMIT_TOLERANCE)
+    for row, bound in ((2, limits.velocity), (3, limits.acceleration)):
+        own[row] *= np.where(bound < 1.0, bound, 1.0)
+    return own if allowance is None else np.maximum(own, allowance)
 
 
 def joints_least_duration(machine: Machine, trajectory: Trajectory) -> float:
@@ -119,21 +219,11 @@ def _joint_units(machine: Machine) -> tuple[str, ...]:
 
 def _excesses(machine: Machine, trajectory: Trajectory) -> tuple[Array, Array, Array]:
     """Largest excess over each limit, relative excess, and time, shape (4, n), ordered by KINDS."""
-    limits, extremes = machine.limits, _Extremes.of(trajectory)
-    values = (
-        extremes.positions,
-        -extremes.positions,
-        np.abs(extremes.rates),
-        np.abs(extremes.accelerations),
-    )
+    limits = machine.limits
     bounds = np.stack(
         [limits.position_upper, -limits.position_lower, limits.velocity, limits.acceleration]
     )
-    every = np.stack(values)  # (4, M, n)
-    every[np.isnan(every)] = np.inf
-    at = every.argmax(axis=1)
-    peaks = np.take_along_axis(every, at[:, None], axis=1)[:, 0]
-    times = np.take_along_axis(extremes.times, at, axis=0)
+    peaks, times = _peaks(trajectory)
     excess = peaks - bounds
     excess[np.isnan(excess)] = np.inf
     unlimited = np.isnan(bounds) | (bounds == np.inf)
@@ -141,6 +231,24 @@ def _excesses(machine: Machine, trajectory: Trajectory) -> tuple[Array, Array, A
     unit = np.ones_like(bounds)
     unit[2:] = np.where(bounds[2:] < 1.0, bounds[2:], 1.0)
     return excess, np.where(unlimited, -np.inf, excess / unit), times
+
+
+def _peaks(trajectory: Trajectory) -> tuple[Array, Array]:
+    """Largest q, -q, |v| and |a| of every joint and their times, shape (4, n), as in KINDS."""
+    if trajectory.snaps is not None:
+        return joint_extremes(trajectory)
+    extremes = _Extremes.of(trajectory)
+    values = (
+        extremes.positions,
+        -extremes.positions,
+        np.abs(extremes.rates),
+        np.abs(extremes.accelerations),
+    )
+    every = np.stack(values)  # (4, M, n)
+    every[np.isnan(every)] = np.inf
+    at = every.argmax(axis=1)
+    peaks = np.take_along_axis(every, at[:, None], axis=1)[:, 0]
+    return peaks, np.take_along_axis(extremes.times, at, axis=0)
 
 
 def _at(trajectory: Trajectory, t: Array) -> tuple[Array, Array, Array]:

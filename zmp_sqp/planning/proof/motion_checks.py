@@ -7,15 +7,11 @@ import numpy as np
 from zmp_sqp.errors import GIVE_SUPPORT, MachineError, ProblemError, TrajectoryError
 from zmp_sqp.mechanics.ground import Ground
 from zmp_sqp.mechanics.machine import Machine
+from zmp_sqp.motion.consistency import drift_fault
 from zmp_sqp.motion.trajectory import Trajectory
 from zmp_sqp.planning.proof.corner_motion import CornerMotion
 
 __all__ = ["check_arguments", "check_drift", "reason_of_doubt"]
-
-# [rad/s or m/s, rad or m] largest total by which nodes may deviate from the integrated motion
-DRIFT = 1e-6
-OPERATIONS = 100.0  # rounding errors that add up from node to node, with a factor to spare
-EPSILON = float(np.finfo(float).eps)
 
 
 def check_arguments(machine: Machine, trajectory: Trajectory, ground: Ground) -> None:
@@ -40,25 +36,8 @@ def check_arguments(machine: Machine, trajectory: Trajectory, ground: Ground) ->
 
 def check_drift(trajectory: Trajectory) -> None:
     """Raise TrajectoryError if the nodes drift away from the integrated accelerations."""
-    # `Trajectory` tolerates a small difference at every node; over many nodes these differences
-    # would add up to an acceleration that no bound accounts for
-    q, v, _ = trajectory.state_in(np.arange(trajectory.intervals), np.diff(trajectory.times))
-    followed = [("velocities", trajectory.velocities, v), ("positions", trajectory.positions, q)]
-    if (base := trajectory.base) is not None:
-        pose, velocity, _ = base.state_in(np.arange(trajectory.intervals), np.diff(base.times))
-        followed += [
-            ("base velocities", base.velocities, velocity),
-            ("base poses", base.poses, pose),
-        ]
-    for name, values, reached in followed:
-        with np.errstate(all="ignore"):
-            drifts = np.cumsum(values[1:] - reached, axis=0)
-            drift = float((drifts.max(axis=0).clip(0.0) - drifts.min(axis=0).clip(None, 0.0)).max())
-            allowed = DRIFT + OPERATIONS * EPSILON * float(np.abs(values).sum(axis=0).max())
-        if not drift <= allowed:
-            raise TrajectoryError(
-                f"{name} drift by {drift:.3g} away from what the accelerations produce"
-            )
+    if fault := drift_fault(trajectory):
+        raise TrajectoryError(fault)
 
 
 def reason_of_doubt(motion: CornerMotion, *, exhausted: bool) -> str:

@@ -1,0 +1,236 @@
+"""What `zmp-sqp check` says of the motion itself: how it was read, its ends, its limits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from zmp_sqp.arrays import Array, distinct_texts
+from zmp_sqp.mechanics import Machine
+from zmp_sqp.motion.reading import EXACT, RecordedMotion
+from zmp_sqp.motion.samples import Samples
+from zmp_sqp.planning import Trajectory
+from zmp_sqp.planning.proof.limits_in_time import LimitPeak, joints_least_duration
+
+__all__ = [
+    "ends_in_motion",
+    "hints_on",
+    "jump_hint",
+    "limit_allowance",
+    "limit_faults",
+    "motion_fields",
+    "motion_lines",
+]
+
+REST = 1e-6  # [rad/s or m/s] rates that count as rest
+# largest share of a rate or acceleration limit that counts as rounding of a file's digits
+MOST_ROUNDING = 0.01
+RULES = {
+    "linear": "straight lines through the positions",
+    "spline": "cubics with continuous accelerations through the positions",
+    "cubic": "cubics through positions and velocities, as a ROS joint_trajectory_controller "
+    "plays them",
+    "quintic": "polynomials of degree five through positions, velocities and accelerations, as a "
+    "ROS joint_trajectory_controller plays them",
+}
+UNITS = {"position": "", "velocity": "/s", "acceleration": "/s^2"}
+SLOW = 100.0  # times the least duration, from which on times may be milliseconds
+LEAST_OFF = 1e-12  # in the unit of the quantity; smaller differences from samples are rounding
+LEAST_SAID = 1e-6  # [rad/s^2 or the like] smaller allowances are not mentioned
+MOST_FAULTS = 3  # limits that are named; the others are counted
+
+
+def motion_fields(read: RecordedMotion) -> dict[str, Any]:
+    """How a motion follows from its file, for JSON."""
+    samples, departure = read.samples, read.departure
+    by_joint = None
+    if departure is not None:
+        columns = departure.at_samples | {"between": departure.between}
+        by_joint = {
+            joint: {name: float(column[i]) for name, column in columns.items()}
+            for i, joint in enumerate(samples.joint_names)
+        }
+    return {
+        "file": samples.source,
+        "interpolation": read.rule,
+        "samples": len(samples.times),
+        "given": list(samples.given),
+        "ignored": list(samples.ignored),
+        "departure": by_joint,
+    }
+
+
+def motion_lines(read: RecordedMotion, machine: Machine, allowance: Array | None) -> list[str]:
+    """How a motion follows from its file and how far it departs from it, in words.
+
+    Args:
+        read: The motion.
+        machine: Gives the units of the joints.
+        allowance: Excess over limits that counts as rounding, see `limit_allowance`.
+    """
+    samples, departure = read.samples, read.departure
+    if read.rule == EXACT or departure is None:
+        lines = [f"the polynomials of {samples.source} as they stand"]
+    else:
+        lines = [f"{RULES[read.rule]}, {len(samples.times)} samples of {samples.source}"]
+        lines += [
+            f"off the given {quantity} by at most {_largest(off, machine, UNITS[quantity])}"
+            for quantity, off in departure.at_samples.items()
+            if off.max() > LEAST_OFF
+        ]
+        between = _largest(departure.between, machine, "")
+        lines.append(f"between samples at most {between} from the straight line")
+    if samples.ignored:
+        lines.append(f"not used: {', '.join(samples.ignored)}")
+    if allowance is not None and allowance[2:].max() > LEAST_SAID:
+        words = [
+            f"{float(allowance[row].max()):.2g} over {what} limits"
+            for row, what in ((2, "velocity"), (3, "acceleration"))
+        ]
+        lines.append(f"at most {' and '.join(words)} count as kept (--limit-tolerance)")
+    return lines
+
+
+def _largest(values: Array, machine: Machine, per: str) -> str:
+    """Largest of one value per joint, with unit and joint."""
+    joint = int(values.argmax())
+    return f"{values[joint]:.2g} {machine.joint_units[joint]}{per} ({machine.joint_names[joint]})"
+
+
+def ends_in_motion(trajectory: Trajectory, side: int, rounding: float, machine: Machine) -> str:
+    """What still moves at the start (side 0) or the end (side -1), in words; empty at rest.
+
+    Args:
+        trajectory: The motion.
+        side: Index of the node.
+        rounding: Rounding error of the velocities [rad/s or m/s].
+        machine: Gives the units of the joints.
+    """
+    rates = np.abs(trajectory.velocities[side])
+    rest = REST + 1.01 * rounding
+    moving = []
+    for joint in np.flatnonzero(rates > rest).tolist():
+        unit = machine.joint_units[joint]
+        verb = "turns" if unit == "rad" else "slides"
+        moving.append(f"{trajectory.joint_names[joint]} {verb} at {rates[joint]:.2g} {unit}/s")
+    if trajectory.base is not None:
+        speed, spin = np.abs(trajectory.base.velocities[side])
+        if speed > rest:
+            moving.append(f"the base drives at {speed:.2g} m/s")
+        if spin > rest:
+            moving.append(f"the base turns at {spin:.2g} rad/s")
+    if not moving:
+        return ""
+    more = f" and {len(moving) - MOST_FAULTS} more" if len(moving) > MOST_FAULTS else ""
+    verb, when = ("begins", 0.0) if side == 0 else ("ends", trajectory.duration)
+    return f"{verb} in motion: at {when:.2f} s {', '.join(moving[:MOST_FAULTS])}{more}"
+
+
+def limit_allowance(read: RecordedMotion, machine: Machine, share: float | None) -> Array | None:
+    r"""Excess over the joint limits that counts as kept, shape (4, n); None if there is none.
+
+    Samples with rounding errors u of positions and w of velocities, at a distance h, give
+    accelerations with errors of :math:`12 u / h^2 + 6 w / h` (cubics; quintics have
+    :math:`11.6 u / h^2 + 8 w / h`, and 1.5 times the error of the accelerations). Errors of times
+    count as errors of positions at the largest rate.
+
+    Args:
+        read: The motion; exact ones have no such errors.
+        machine: Gives the limits.
+        share: Share of the rate and acceleration limits; None is what the digits of the file
+            explain, at most `MOST_ROUNDING`.
+    """
+    limits = machine.limits
+    bounds = np.zeros((4, machine.size))
+    bounds[2], bounds[3] = limits.velocity, limits.acceleration
+    if share is not None:
+        return share * np.where(np.isfinite(bounds), bounds, 0.0)
+    if read.rule == EXACT:
+        return None
+    samples, motion = read.samples, read.trajectory
+    h = float(np.diff(motion.times).min())
+    fastest = np.abs(motion.velocities).max(axis=0)
+    u = samples.error_of("position") + fastest * samples.error_of("time")
+    w, x = samples.error_of("velocity"), samples.error_of("acceleration")
+    errors = np.stack([u, u, 3.0 * u / h + w, 12.0 * u / h**2 + 8.0 * w / h + 1.5 * x])
+    most = np.where(np.isfinite(bounds), MOST_ROUNDING * bounds, 0.0)
+    errors[2:] = np.minimum(errors[2:], most[2:])
+    return errors
+
+
+def limit_faults(peaks: Sequence[LimitPeak]) -> list[str]:
+    """Limits of joints that are not kept, the worst first, in words that follow "the motion"."""
+    broken = [peak for peak in peaks if not peak.kept]
+    broken.sort(key=lambda peak: -peak.excess / max(abs(peak.allowed), 1e-9))
+    words = []
+    for peak in broken[:MOST_FAULTS]:
+        value, allowed = distinct_texts(peak.value, peak.allowed, digits=3)
+        words.append(
+            f"exceeds the {peak.limit} limit of joint {peak.joint!r} by {peak.excess:.3g} "
+            f"{peak.unit} at {peak.time:.2f} s ({value} where {allowed} is allowed)"
+        )
+    if len(broken) > MOST_FAULTS:
+        words.append(f"exceeds {len(broken) - MOST_FAULTS} more joint limits")
+    return words
+
+
+def jump_hint(read: RecordedMotion, peaks: Sequence[LimitPeak]) -> list[str]:
+    """Says that interpolation alone exceeds rate and acceleration limits, where it does.
+
+    Where an acceleration jumps between two samples, a cubic or quintic exceeds it on one side.
+    """
+    broken = [peak for peak in peaks if not peak.kept]
+    motion, names = read.trajectory, read.samples.joint_names
+    means = np.abs(np.diff(motion.velocities, axis=0) / np.diff(motion.times)[:, None])
+    given = {
+        "velocity": np.abs(motion.velocities).max(axis=0),
+        "acceleration": means.max(axis=0),
+    }
+    if read.rule == EXACT or not broken or any(peak.limit not in given for peak in broken):
+        return []
+    for peak in broken:
+        if given[peak.limit][names.index(peak.joint)] > peak.allowed * (1.0 + 1e-6):
+            return []
+    share = max(peak.excess / peak.allowed for peak in broken)
+    return [
+        "from sample to sample velocities change no faster than the limits allow; the "
+        f"{read.rule} exceeds them where an acceleration jumps between two samples: add samples at "
+        f"the jumps, or allow it by --limit-tolerance {np.ceil(100.0 * share) / 100.0:.2f}"
+    ]
+
+
+def hints_on(
+    samples: Samples, trajectory: Trajectory | None, machine: Machine, *, degrees: bool
+) -> list[str]:
+    """What looks as if it were in another unit, in sentences."""
+    hints, q = [], samples.values["position"]
+    turning = np.array([unit == "rad" for unit in machine.joint_units])
+    limits = machine.limits
+    reach = np.maximum(np.abs(limits.position_lower), np.abs(limits.position_upper))
+    reach = np.where(np.isfinite(reach), reach, 4.0 * np.pi)
+    largest = np.abs(q).max(axis=0)
+    outside = turning & (largest > 1.5 * reach)
+    if not degrees and outside.any() and (largest <= np.degrees(reach))[turning].all():
+        joint = int(np.flatnonzero(outside)[0])
+        hints.append(
+            f"{machine.joint_names[joint]} goes to {largest[joint]:.4g}, beyond its "
+            f"{reach[joint]:.3g} rad: give --degrees if angles are in degrees"
+        )
+    if "velocity" in samples.values:
+        given = float(np.abs(samples.values["velocity"]).max())
+        followed = float(np.abs(np.diff(q, axis=0) / np.diff(samples.times)[:, None]).max())
+        if 0.0 < followed < 0.02 * given or followed > 50.0 * given > 0.0:
+            hints.append(
+                f"rates that follow from positions and times are up to {followed:.3g}, but the "
+                f"given velocities up to {given:.3g}: are they in the same units (s, rad/s)?"
+            )
+    elif trajectory is not None:
+        least = joints_least_duration(machine, trajectory)
+        if least > 0.0 and trajectory.duration > SLOW * least:
+            hints.append(
+                f"the motion takes {trajectory.duration:.4g} s where the joints need {least:.3g} s:"
+                " are the times in milliseconds (name the column 'time [ms]' then)?"
+            )
+    return hints

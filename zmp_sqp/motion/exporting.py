@@ -1,0 +1,54 @@
+"""Motions as files for other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from zmp_sqp.errors import TrajectoryError
+from zmp_sqp.motion.bag import write_bag
+from zmp_sqp.motion.joint_trajectory import write_message
+from zmp_sqp.motion.reading import EXACT, SUFFIXES
+from zmp_sqp.motion.sample_tables import write_npz
+from zmp_sqp.motion.trajectory import Trajectory
+
+__all__ = ["export_motion"]
+
+
+def export_motion(trajectory: Trajectory, path: str | Path) -> str:
+    """Write a motion in the format that the ending of a path names.
+
+    - `.csv` and `.npz` hold all of it: `read_motion` restores every bit.
+    - `.yaml`, `.json` and `.mcap` (a ROS 2 bag; needs rosbags) hold a trajectory_msgs/
+      JointTrajectory with positions and velocities at all nodes and no accelerations. Between its
+      points a ROS joint_trajectory_controller plays cubics, which are the pieces of this motion.
+      Times are rounded to nanoseconds, positions and velocities are those at the rounded times.
+
+    Before a bag or message is played, see `zmp_sqp.motion.joint_trajectory` on first points at time
+    0 and on goal velocities.
+
+    Args:
+        trajectory: The motion.
+        path: File to write; one that is there is replaced.
+
+    Returns:
+        Interpolation that the file is made for: "exact", "cubic", or "quintic" for motions that
+        were read as quintics.
+
+    Raises:
+        MissingExtra: The file is a bag and rosbags is not there.
+        TrajectoryError: Another ending, or the base drives and the format has no place for it.
+    """
+    file = Path(path)
+    suffix = file.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise TrajectoryError(
+            f"{file}: a motion is exported to a file that ends in {', '.join(SUFFIXES)}, not in "
+            f"{suffix or 'nothing'}"
+        )
+    if suffix == ".csv":
+        trajectory.to_csv(file)
+        return EXACT
+    if suffix == ".npz":
+        write_npz(file, trajectory)
+        return EXACT
+    return write_bag(file, trajectory) if suffix == ".mcap" else write_message(file, trajectory)
