@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import csv
+import struct
 import zipfile
+import zlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -149,9 +151,20 @@ def read_npz_samples(path: Path, joint_names: Sequence[str]) -> Samples:
         TrajectoryError: The file cannot be read, lacks an array, or has one of the wrong shape.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             arrays: dict[str, Any] = {name: file[name] for name in file.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile, AttributeError) as cause:
+    except (
+        OSError,
+        ValueError,
+        EOFError,
+        zipfile.BadZipFile,
+        AttributeError,
+        TypeError,
+        KeyError,
+        NotImplementedError,
+        zlib.error,
+        struct.error,
+    ) as cause:
         raise TrajectoryError(f"cannot read {path}: {' '.join(str(cause).split())}") from None
     for name in ("times", "joint_names", "positions"):
         if name not in arrays:
