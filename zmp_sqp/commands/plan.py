@@ -22,6 +22,7 @@ from zmp_sqp.commands.console import (
     write_json,
 )
 from zmp_sqp.commands.exit_codes import DONE, INTERRUPTED, UNSAFE
+from zmp_sqp.commands.export_option import add_export_option, check_exports, write_exports
 from zmp_sqp.commands.live import live_line
 from zmp_sqp.planning import Plan, Problem, Trajectory, diagnose, phase_plane, plan
 from zmp_sqp.planning.problem.checks import AUTO
@@ -47,6 +48,7 @@ examples:
   zmp-sqp plan paper_1 --out out/paper_1      table, trajectory, figures
   zmp-sqp plan my_machine.toml --json -       results for another program
   zmp-sqp plan paper_1 --margin 0.3 --verbose
+  zmp-sqp plan paper_1 --export swing.yaml    for a ROS 2 joint_trajectory_controller
 """
 SCENARIO_KEYS = """\
 keys of scenario files (TOML): SI units; angles in degrees where a key ends in _deg, else in
@@ -126,6 +128,7 @@ def _add_planning_options(command: argparse.ArgumentParser) -> None:
 
 def _add_output_options(command: argparse.ArgumentParser) -> None:
     add_out_option(command, PLAN_FILES)
+    add_export_option(command)
     add_json_option(command)
     command.add_argument(
         "--no-figures", dest="figures", action="store_false", help="write no figures"
@@ -151,6 +154,7 @@ def run_plan(arguments: argparse.Namespace) -> int:
     }
     problem = replace(scenario.problem, **overrides)
     prepare_folder(arguments.out, PLAN_FILES)
+    check_exports(arguments.exports, drives=problem.base is not None)
     with live_line() as line:
         found = plan(
             problem,
@@ -182,6 +186,8 @@ def run_plan(arguments: argparse.Namespace) -> int:
     if arguments.out is not None:
         lines = _write(arguments.out, found, baseline, result, figures=arguments.figures)
         print_lines(console, lines)
+    if found.success:
+        print_lines(console, write_exports(arguments.exports, found.trajectory))
     write_json(to_json(result), arguments.json, console)
     if interrupted:
         return INTERRUPTED

@@ -13,7 +13,7 @@ from zmp_sqp.motion.joint_trajectory import message_of, samples_of_message
 from zmp_sqp.motion.samples import Samples
 from zmp_sqp.motion.trajectory import Trajectory
 
-__all__ = ["TOPIC", "read_bag_samples", "write_bag"]
+__all__ = ["TOPIC", "check_rosbags", "read_bag_samples", "write_bag"]
 
 TYPE = "trajectory_msgs/msg/JointTrajectory"
 TOPIC = "/joint_trajectory_controller/joint_trajectory"  # what the controller listens to
@@ -73,6 +73,11 @@ def read_bag_samples(path: Path, joint_names: Sequence[str]) -> Samples:
             f"{path}: must hold one message of the type {TYPE}, but holds {len(found)}"
         )
     return samples_of_message(str(path), _from_ros(found[0]), joint_names)
+
+
+def check_rosbags() -> None:
+    """Raise MissingExtra if rosbags is not there."""
+    _rosbags()
 
 
 def _rosbags() -> tuple[Any, Any]:

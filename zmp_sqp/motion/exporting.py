@@ -5,13 +5,13 @@ from __future__ import annotations
 from pathlib import Path
 
 from zmp_sqp.errors import TrajectoryError
-from zmp_sqp.motion.bag import write_bag
+from zmp_sqp.motion.bag import check_rosbags, write_bag
 from zmp_sqp.motion.joint_trajectory import write_message
 from zmp_sqp.motion.reading import EXACT, SUFFIXES
 from zmp_sqp.motion.sample_tables import write_npz
 from zmp_sqp.motion.trajectory import Trajectory
 
-__all__ = ["export_motion"]
+__all__ = ["check_export", "export_motion"]
 
 
 def export_motion(trajectory: Trajectory, path: str | Path) -> str:
@@ -37,14 +37,10 @@ def export_motion(trajectory: Trajectory, path: str | Path) -> str:
     Raises:
         MissingExtra: The file is a bag and rosbags is not there.
         TrajectoryError: Another ending, or the base drives and the format has no place for it.
+        OSError: The file cannot be written.
     """
     file = Path(path)
-    suffix = file.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise TrajectoryError(
-            f"{file}: a motion is exported to a file that ends in {', '.join(SUFFIXES)}, not in "
-            f"{suffix or 'nothing'}"
-        )
+    suffix = check_export(file, drives=trajectory.base is not None)
     if suffix == ".csv":
         trajectory.to_csv(file)
         return EXACT
@@ -52,3 +48,28 @@ def export_motion(trajectory: Trajectory, path: str | Path) -> str:
         write_npz(file, trajectory)
         return EXACT
     return write_bag(file, trajectory) if suffix == ".mcap" else write_message(file, trajectory)
+
+
+def check_export(path: Path, *, drives: bool) -> str:
+    """Refuse a file to which `export_motion` cannot write; returns its ending in small letters.
+
+    Args:
+        path: File to write.
+        drives: Whether the base drives.
+
+    Raises:
+        MissingExtra, TrajectoryError: See `export_motion`.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise TrajectoryError(
+            f"{path}: a motion is exported to a file that ends in {', '.join(SUFFIXES)}, not in "
+            f"{suffix or 'nothing'}"
+        )
+    if drives and suffix not in (".csv", ".npz"):
+        raise TrajectoryError(
+            f"{path}: a JointTrajectory has no place for a base that drives: export .csv or .npz"
+        )
+    if suffix == ".mcap":
+        check_rosbags()
+    return suffix

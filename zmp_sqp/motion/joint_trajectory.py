@@ -53,8 +53,7 @@ def message_of(trajectory: Trajectory) -> tuple[dict[str, Any], str]:
     """
     if trajectory.base is not None:
         raise TrajectoryError(
-            "a JointTrajectory has no place for a base that drives: export CSV, NPZ, or JSON by "
-            "Trajectory.to_json"
+            "a JointTrajectory has no place for a base that drives: export CSV or NPZ"
         )
     stamps = np.round(trajectory.times / NANO).astype(np.int64)
     if (np.diff(stamps) <= 0).any():
