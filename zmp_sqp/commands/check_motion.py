@@ -212,7 +212,7 @@ def hints_on(
     reach = np.where(np.isfinite(reach), reach, 4.0 * np.pi)
     largest = np.abs(q).max(axis=0)
     outside = turning & (largest > 1.5 * reach)
-    if not degrees and outside.any() and (largest <= np.degrees(reach))[turning].all():
+    if not degrees and outside.any() and (largest <= 1.1 * np.degrees(reach))[turning].all():
         joint = int(np.flatnonzero(outside)[0])
         hints.append(
             f"{machine.joint_names[joint]} goes to {largest[joint]:.4g}, beyond its "
