@@ -115,15 +115,15 @@ def spline_rates(times: Array, q: Array, braking: Array, slack: float = 0.0) -> 
             none, which leaves the estimate of the rate.
         slack: Rounding error of a difference of two positions [rad or m].
     """
-    from scipy.interpolate import BarycentricInterpolator, CubicSpline
+    from scipy.interpolate import CubicSpline
 
     ends = []
     for order in (1, -1):
         t, positions = times[::order][:4], q[::order][:4]
         h = abs(t[1] - t[0])
         # scaled by h and relative to its first sample, for the digits
-        fit = BarycentricInterpolator((t - t[0]) / h, positions - positions[0])
-        estimate = np.asarray(fit.derivative(0.0)) / h
+        powers = np.vander((t - t[0]) / h, increasing=True)
+        estimate = np.linalg.solve(powers, positions - positions[0])[1] / h
         reach = 0.5 * np.where(np.isfinite(braking), braking, 0.0) * h**2
         covered = np.abs(positions[1] - positions[0])
         ends.append(np.where(covered <= reach * (1.0 + 1e-9) + slack, 0.0, estimate))
