@@ -136,7 +136,9 @@ def add_check(commands: Any) -> None:
         help="the machine: a URDF file, or the name of a shipped one; left out with --scenario",
     )
     command.add_argument(
-        "trajectory", metavar="TRAJECTORY", help=f"the motion: a file in {', '.join(SUFFIXES)}"
+        "trajectory",
+        metavar="TRAJECTORY",
+        help=f"the motion: a file that ends in {', '.join(SUFFIXES)}",
     )
     _add_motion_options(command)
     add_ground_options(command)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from zmp_sqp.commands.check_motion import motion_lines
 from zmp_sqp.commands.console import (
     add_command,
     add_json_option,
@@ -24,6 +25,7 @@ from zmp_sqp.commands.console import (
 from zmp_sqp.commands.exit_codes import DONE, UNSAFE
 from zmp_sqp.commands.live import live_line
 from zmp_sqp.errors import MissingExtra, ScenarioError, TrajectoryError
+from zmp_sqp.motion.reading import SUFFIXES, read_motion
 from zmp_sqp.planning import Problem, Trajectory, phase_plane, plan
 from zmp_sqp.scenario import Scenario, load_scenario, shipped_scenarios
 from zmp_sqp.show.basis import BASIS_KEYS, Basis, basis_fields, basis_table
@@ -48,8 +50,9 @@ SIMULATED = (
 )
 DESCRIPTION = """\
 In MuJoCo the machine stands free on the ground, under contact and friction, and follows the motion:
-that of a CSV file; or, for a scenario, the planned motion and beside it the phase-plane baseline,
-which ignores the ZMP. The base has to stand: plans whose base drives cannot be replayed.
+that of a file (any that `zmp-sqp check` takes); or, for a scenario, the planned motion and beside
+it the phase-plane baseline, which ignores the ZMP. The base has to stand: plans whose base drives
+cannot be replayed.
 """
 EXAMPLES = """\
 examples:
@@ -79,11 +82,13 @@ class _Motions(NamedTuple):
         scenario: Scenario that gives machine and ground.
         by_name: _Motions by name; the exit code judges the first.
         message: Why there is no planned motion; None if there is one.
+        reading: How the motion follows from its file, in words; empty for planned motions.
     """
 
     scenario: Scenario
     by_name: Mapping[str, Trajectory]
     message: str | None
+    reading: Sequence[str] = ()
 
 
 def add_replay(commands: Any, shipped: str) -> None:
@@ -103,8 +108,8 @@ def add_replay(commands: Any, shipped: str) -> None:
     )
     command.add_argument(
         "source",
-        metavar="SCENARIO_OR_CSV",
-        help="a scenario (file or shipped name), or the CSV file of a trajectory",
+        metavar="SCENARIO_OR_FILE",
+        help="a scenario (file or shipped name), or the file of a motion",
     )
     _add_motion_options(command)
     add_out_option(command, REPLAY_FILES)
@@ -119,7 +124,7 @@ def add_replay(commands: Any, shipped: str) -> None:
 
 def _add_motion_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
-        "--scenario", metavar="SCENARIO", help="scenario that gives a CSV file machine and ground"
+        "--scenario", metavar="SCENARIO", help="scenario that gives a motion machine and ground"
     )
     command.add_argument(
         "--margin",
@@ -142,7 +147,9 @@ def run_replay(arguments: argparse.Namespace) -> int:
     It is DONE if the motion was found and the machine does not tip over, else UNSAFE.
     """
     load_mujoco()  # a missing engine fails before the planning
-    scenario, motions, message = _motions(arguments.source, arguments.scenario, arguments.margin)
+    scenario, motions, message, reading = _motions(
+        arguments.source, arguments.scenario, arguments.margin
+    )
     problem = scenario.problem
     prepare_folder(arguments.out, REPLAY_FILES)
     replays = {}
@@ -152,7 +159,7 @@ def run_replay(arguments: argparse.Namespace) -> int:
             replays[name] = replay(
                 problem.machine, motion, problem.ground, time_step=arguments.time_step
             )
-    basis = Basis.of_problem(problem, [SIMULATED.format(arguments.time_step)])
+    basis = Basis.of_problem(problem, [*reading, SIMULATED.format(arguments.time_step)])
     result: dict[str, Any] = {
         "scenario": scenario.name,
         "title": scenario.title,
@@ -203,21 +210,22 @@ def _motions(source: str, scenario: str | None, margin: float | None) -> _Motion
     """Motions that the arguments ask for, with the baseline if it is from rest to rest.
 
     Args:
-        source: Scenario, or path of a CSV file.
-        scenario: Scenario of a CSV file; None for the one in `plan.json` beside the file.
+        source: Scenario, or path of a motion's file.
+        scenario: Scenario of such a file; None for the one in `plan.json` beside the file.
         margin: Margin to plan with [m]; None for the scenario's.
 
     Raises:
         ScenarioError: The scenario cannot be used, or there is no motion to replay.
-        TrajectoryError: The CSV file cannot be used.
+        TrajectoryError: The motion's file cannot be used.
     """
     path = Path(source)
-    from_file = path.suffix.lower() == ".csv"
+    from_file = path.suffix.lower() in SUFFIXES
     if from_file and margin is not None:
         raise TrajectoryError(f"{path} is a motion already: --margin is for planning")
     if not from_file and scenario is not None:
         raise ScenarioError(
-            f"--scenario says where the motion of a CSV file belongs, but {source} is none"
+            f"--scenario says where the motion of a file belongs, but {source} is none: it does "
+            f"not end in {', '.join(SUFFIXES)}"
         )
     loaded = load_scenario((scenario or _scenario_beside(path)) if from_file else source)
     if margin is not None:
@@ -226,7 +234,9 @@ def _motions(source: str, scenario: str | None, margin: float | None) -> _Motion
     if problem.base is not None:
         raise ScenarioError(f"{loaded.path}: its base drives; a replay needs one that stands")
     if from_file:
-        return _Motions(loaded, {FROM_FILE: Trajectory.from_csv(path, problem.machine)}, None)
+        read = read_motion(path, problem.machine)
+        lines = motion_lines(read, problem.machine, None)
+        return _Motions(loaded, {FROM_FILE: read.trajectory}, None, lines)
     with live_line() as line:
         found = plan(problem, qp_solver=loaded.qp_solver, progress=line.count, announce=line.say)
     motions = {}
