@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -112,6 +113,8 @@ def test_a_drive_goes_through_csv_npz_and_json_and_no_message_has_a_place_for_it
     for suffix in ("yaml", "json", "mcap"):
         with pytest.raises(zs.TrajectoryError, match="no place for a base"):
             zs.export_motion(plan.trajectory, tmp_path / f"ros.{suffix}")
+    with pytest.raises(zs.TrajectoryError, match="leave out the interpolation"):
+        zs.read_motion(tmp_path / "motion.csv", machine, interpolation="cubic")
     plan.trajectory.to_csv(tmp_path / "rate.csv", rate=20.0)
     with pytest.raises(zs.TrajectoryError, match="base"):
         zs.read_motion(tmp_path / "rate.csv", machine)
@@ -416,6 +419,7 @@ Edit = Callable[[list[list[str]]], Any]
         (lambda rows: rows[6].__setitem__(0, rows[5][0]), r"row 7: time .* is that of row 6"),
         (lambda rows: rows[6].__setitem__(0, "0"), r"row 7: time 0 s is before that of row 6"),
         (lambda rows: rows[6].__setitem__(3, "abc"), r"row 7, column 'stick.position': 'abc'"),
+        (lambda rows: rows[6].__setitem__(3, "1_0"), r"row 7, column 'stick.position': '1_0'"),
         (lambda rows: rows[6].__setitem__(3, "nan"), r"row 7: position of joint 'stick' .* nan"),
         (lambda rows: rows[6].__setitem__(0, "inf"), r"row 7: time must be a finite number"),
         (lambda rows: rows[6].pop(), r"row 7 has 10 entries, but the header names 11"),
@@ -523,3 +527,14 @@ def test_a_spoilt_file_gives_a_motion_or_one_sentence(
     assert np.isfinite(positions).all()
     assert "\n" not in complaint
     assert not complaint or str(path) in complaint
+
+
+def test_without_rosbags_a_bag_says_what_to_install(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "rosbags", None)
+    (tmp_path / "a.mcap").write_bytes(b"")
+    with pytest.raises(zs.MissingExtra, match=r"pip install zmp-sqp\[ros\]"):
+        zs.export_motion(BLIND, tmp_path / "b.mcap")
+    with pytest.raises(zs.MissingExtra, match=r"pip install zmp-sqp\[ros\]"):
+        zs.read_motion(tmp_path / "a.mcap", MACHINE)

@@ -9,10 +9,12 @@ import pytest
 
 import zmp_sqp as zs
 from benchmarks.problems.paper import paper_scene
+from zmp_sqp.mechanics.bounds.effort_norms import body_norms
 from zmp_sqp.mechanics.wrench import efforts
 from zmp_sqp.motion.interpolation import cubic_motion, quintic_motion
 from zmp_sqp.motion.unicycle_motion import UnicycleMotion
 from zmp_sqp.planning.proof.certificate import certify_for
+from zmp_sqp.planning.proof.effort_curves import _norms
 from zmp_sqp.planning.proof.joint_peaks import joint_peaks
 from zmp_sqp.planning.proof.limits_in_time import limit_peaks
 from zmp_sqp.planning.proof.polynomial_extremes import largest_values
@@ -264,3 +266,36 @@ def test_certificates_of_motions_with_linear_accelerations_have_not_changed() ->
         found = zs.certify(MACHINE, motion, SCENE.ground, **options)
         assert found.margin == pytest.approx(margin, abs=1e-12)
         assert found.limit_excess == pytest.approx(-0.08989215518466365, abs=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_norms_at_complex_times_bound_the_polynomials_there(seed: int) -> None:
+    """What the error bound of the certificate's polynomials rests on."""
+    motion, rng = random_quintic(seed), np.random.default_rng(seed)
+    k = rng.integers(0, motion.intervals, 12)
+    h = np.diff(motion.times)[k]
+    centre, half = rng.uniform(0.2, 0.8, 12) * h, 0.2 * h
+    rho = rng.uniform(1.1, 20.0, (1, 12))
+    A, B = half * (rho + 1.0 / rho) / 2.0, half * (rho - 1.0 / rho) / 2.0
+    norms = _norms(body_norms([MACHINE]), motion, k, centre, A, B, 9.81)
+    terms = (
+        motion.positions,
+        motion.velocities,
+        motion.accelerations,
+        motion.jerks,
+        motion.snaps,
+        motion.crackles,
+    )
+    for angle in np.linspace(0.0, 2.0 * np.pi, 25):
+        for size in (1.0, 0.6):
+            z = centre + size * (A[0] * np.cos(angle) + 1j * B[0] * np.sin(angle))
+            states = []
+            for order in range(3):
+                total, factor = 0.0, np.ones(12, dtype=complex)
+                for i, term in enumerate(terms[order:]):
+                    total = total + factor[:, None] * term[k]
+                    factor = factor * z / (i + 1.0)
+                states.append(total)
+            assert (np.abs(states[0].imag.T) <= norms.imaginary + 1e-9).all()
+            assert (np.abs(states[1].T) <= norms.v + 1e-9).all()
+            assert (np.abs(states[2].T) <= norms.a + 1e-9).all()

@@ -135,7 +135,12 @@ def read_motion(
             )
         samples = _in_radians(samples, machine)
     samples = replace(samples, times=samples.times - samples.times[0])
-    if interpolation is None or samples.base is not None:
+    if samples.base is not None and interpolation is not None:
+        raise TrajectoryError(
+            f"{samples.source}: a motion whose base drives is read as it stands: leave out the "
+            "interpolation"
+        )
+    if interpolation is None:
         exact = _exact(samples, machine, ground, needed=samples.base is not None)
         if exact is not None:
             return RecordedMotion(exact, EXACT, samples, None)

@@ -77,6 +77,8 @@ def read_csv_samples(path: Path, joint_names: Sequence[str]) -> Samples:
 def _number(entry: str, where: str, column: str) -> float:
     """Entry of a table as a number; NaN and infinity are refused where all samples are checked."""
     try:
+        if "_" in entry:  # float() would take 1_0 for 10
+            raise ValueError
         return float(entry)
     except ValueError:
         raise TrajectoryError(
