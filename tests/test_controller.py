@@ -140,3 +140,23 @@ def test_exports_are_certified_as_the_plan_is(plan: zs.Plan, suffix: str, tmp_pa
     assert found.margin == pytest.approx(plan.certificate.margin, abs=1e-6)
     assert found.margin >= 0.1
     assert found.limit_excess < 1e-6
+
+
+@pytest.mark.parametrize("rate", [50.0, 100.0, 1000.0])
+def test_cubics_exceed_an_acceleration_by_a_third_of_its_jump_at_any_rate(rate: float) -> None:
+    """An acceleration that jumps by J at the share s of a sampling interval, docs/notes.md."""
+    h, before, jump = 1.0 / rate, 0.7, -1.3
+    least = most = 0.0
+    for share in np.linspace(0.0, 1.0, 61):
+        rest = 1.0 - share
+        t = np.array([0.0, h])
+        q = 0.5 * before * t**2 + np.array([0.0, 0.5 * jump * (rest * h) ** 2])
+        v = before * t + np.array([0.0, jump * rest * h])
+        cubic = cubic_motion(("slew",), t, q[:, None], v[:, None])
+        first, last = cubic.accelerations[0, 0], cubic.end_accelerations[0, 0]
+        assert first - before == pytest.approx(jump * (3.0 * rest**2 - 2.0 * rest), abs=1e-9)
+        assert last - before == pytest.approx(jump * (4.0 * rest - 3.0 * rest**2), abs=1e-9)
+        least = min(least, (first - before) / jump)
+        most = max(most, (last - before - jump) / jump)
+    assert least == pytest.approx(-1.0 / 3.0, abs=1e-9)  # at s = 2/3
+    assert most == pytest.approx(1.0 / 3.0, abs=1e-9)  # at s = 1/3
