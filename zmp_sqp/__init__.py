@@ -56,6 +56,7 @@ from zmp_sqp.planning import (
     plan,
     plan_base,
     slew_insight,
+    table,
     trajectory_zmp,
 )
 from zmp_sqp.planning.constraints import registry as _registry
@@ -116,6 +117,7 @@ __all__ = [
     "slew_insight",
     "stability_margin",
     "stability_measures",
+    "table",
     "trajectory_zmp",
     "zmp",
 ]

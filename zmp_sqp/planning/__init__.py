@@ -19,6 +19,7 @@ from zmp_sqp.planning.problem.unicycle_base import UnicycleBase
 from zmp_sqp.planning.proof.certificate import Certificate, certify
 from zmp_sqp.planning.search.answer import Plan, Status
 from zmp_sqp.planning.search.diagnosis import Diagnosis, diagnose
+from zmp_sqp.planning.search.plan_table import table
 from zmp_sqp.planning.search.planner import plan
 
 __all__ = [
@@ -47,5 +48,6 @@ __all__ = [
     "plan_base",
     "simplified_coordinates",
     "slew_insight",
+    "table",
     "trajectory_zmp",
 ]

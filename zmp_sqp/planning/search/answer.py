@@ -107,6 +107,22 @@ class Plan:
         """Whether a motion was found that is proven safe at all times."""
         return self.status.success
 
+    def __str__(self) -> str:
+        """Summary in a few lines: message, duration, margin, effort of the search."""
+        lines = [self.message]
+        tip_over = self.certificate.tip_over
+        if self.success:
+            above = ""
+            if self.lower_bound > 0.0:
+                above = f", {100.0 * (self.duration / self.lower_bound - 1.0):.2f} % above"
+            lines += [
+                f"  duration   {self.duration:.4f} s (lower bound {self.lower_bound:.4f} s{above})",
+                f"  margin     {self.margin:.4f} m guaranteed, {self.problem.margin:g} m asked for"
+                f" ({tip_over.label}, at {tip_over.time:.2f} s)",
+            ]
+        effort = f"{1e3 * self.solve_time:.0f} ms, SQP iterations: {self.iterations}"
+        return "\n".join([*lines, f"  search     {effort}, QP solver {self.qp_solver}"])
+
     @property
     def margin(self) -> float:
         """Guaranteed signed distance from the ZMP to the nearest edge at all times [m]."""
