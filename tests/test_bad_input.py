@@ -717,6 +717,7 @@ def test_limits_of_extreme_size_are_planned_with(size: float) -> None:
         assert plan.duration == pytest.approx(0.2 / size, rel=0.1)
 
 
+@pytest.mark.filterwarnings("ignore::zmp_sqp.MachineWarning")
 @pytest.mark.parametrize("mass", [1e-300, 1e-9, 1e9, 1e300])
 def test_payloads_of_extreme_mass_end_in_a_plan_or_an_error(mass: float) -> None:
     try:

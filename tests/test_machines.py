@@ -107,6 +107,7 @@ def slew_inertia(q: Array, load: float) -> float:
     return float(found[0, WRENCH])
 
 
+@pytest.mark.filterwarnings("ignore::zmp_sqp.MachineWarning")
 def test_excavator_slew_torque_allows_the_accelerations_that_are_measured_on_real_machines() -> (
     None
 ):

@@ -6,7 +6,10 @@ import argparse
 import io
 import os
 import sys
-from collections.abc import Sequence
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import TextIO
 
 from zmp_sqp import __version__
 from zmp_sqp.commands.check import add_check
@@ -15,7 +18,7 @@ from zmp_sqp.commands.inspect import add_inspect
 from zmp_sqp.commands.paper import add_paper
 from zmp_sqp.commands.plan import add_plan
 from zmp_sqp.commands.replay import add_replay
-from zmp_sqp.errors import ZmpSqpError, in_keys
+from zmp_sqp.errors import MachineWarning, ProblemWarning, ZmpSqpError, in_keys
 from zmp_sqp.scenario import shipped_scenarios
 
 __all__ = ["main"]
@@ -35,7 +38,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         # titles may hold letters that the terminal's encoding lacks
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
-        code: int = arguments.run(arguments)
+        with _warnings_in_a_line():
+            code: int = arguments.run(arguments)
         sys.stdout.flush()
         return code
     except KeyboardInterrupt:
@@ -51,6 +55,33 @@ def main(argv: Sequence[str] | None = None) -> int:
         complaint = f"{error.filename}: {error.strerror}" if error.filename else str(error)
     print(f"zmp-sqp: error: {complaint}", file=sys.stderr)
     return BAD_INPUT
+
+
+@contextmanager
+def _warnings_in_a_line() -> Iterator[None]:
+    """Print warnings of this library as lines on standard error, each text once."""
+    said: set[str] = set()
+    show = warnings.showwarning
+
+    def show_line(
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: TextIO | None = None,
+        line: str | None = None,
+    ) -> None:
+        if not issubclass(category, MachineWarning | ProblemWarning):
+            show(message, category, filename, lineno, file, line)
+        elif str(message) not in said:
+            said.add(str(message))
+            print(f"zmp-sqp: warning: {in_keys(str(message))}", file=sys.stderr)
+
+    with warnings.catch_warnings():
+        for category in (MachineWarning, ProblemWarning):
+            warnings.simplefilter("always", category)
+        warnings.showwarning = show_line
+        yield
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -17,6 +17,7 @@ __all__ = [
     "MissingExtra",
     "NotSolved",
     "ProblemError",
+    "ProblemWarning",
     "ScenarioError",
     "TrajectoryError",
     "UnboundedAcceleration",
@@ -38,6 +39,10 @@ class MachineWarning(UserWarning):
 
     Examples are an inertia that no body can have, and a support polygon as wide as a street.
     """
+
+
+class ProblemWarning(UserWarning):
+    """A planning problem is taken as it is posed, but a number in it looks like another unit."""
 
 
 class ProblemError(ZmpSqpError):

@@ -140,7 +140,10 @@ class Slope:
         for name in ("roll", "pitch"):
             angle = finite_number(getattr(self, name), name=f"slope {name}", error=MachineError)
             if abs(angle) >= np.pi / 2:
-                raise MachineError(f"slope {name} must lie within +-pi/2 rad, not {angle}")
+                meant = np.radians(angle)
+                may_be = f"; in degrees, {angle:g} is {meant:.4g} rad"
+                hint = may_be if abs(meant) < np.pi / 2 else ""
+                raise MachineError(f"slope {name} must lie within +-pi/2 rad, not {angle}{hint}")
             object.__setattr__(self, name, angle)
 
     @property

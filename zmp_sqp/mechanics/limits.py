@@ -11,7 +11,7 @@ import numpy as np
 from zmp_sqp.arrays import Array, distinct_texts, finite_number, frozen_array
 from zmp_sqp.errors import HOLD, MachineError
 
-__all__ = ["LIMIT_TOLERANCE", "JointLimits", "position_fault"]
+__all__ = ["FULL_TURN", "LIMIT_TOLERANCE", "JointLimits", "position_fault"]
 
 POSITIONS = ("position_lower", "position_upper")
 RATES = ("velocity", "acceleration", "effort")

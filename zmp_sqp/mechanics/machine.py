@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -10,9 +11,10 @@ import numpy as np
 import pinocchio as pin
 
 from zmp_sqp.arrays import Array, Indices, finite_number, frozen_array
-from zmp_sqp.errors import MachineError
+from zmp_sqp.errors import MachineError, MachineWarning
 from zmp_sqp.mechanics.limits import JointLimits
 from zmp_sqp.mechanics.payload import Payload
+from zmp_sqp.mechanics.plausible_payload import payload_doubts
 from zmp_sqp.mechanics.summary import joint_lines, mass_text, support_text
 from zmp_sqp.mechanics.support import SupportPolygon
 
@@ -103,12 +105,17 @@ class Machine:
     def with_payload(self, payload: Payload) -> Machine:
         """Copy of this machine that carries one more payload, fixed to one of its frames.
 
+        A payload whose mass or distance looks like another unit gives a `MachineWarning`.
+
         Raises:
             MachineError: Not a Payload, or an unknown frame; the message lists the known frames.
         """
         if not isinstance(payload, Payload):
             raise MachineError(f"payload must be a Payload, not {type(payload).__name__}")
-        return replace(self, model=payload.attached_to(self.model))
+        loaded = replace(self, model=payload.attached_to(self.model))
+        for doubt in payload_doubts(payload, self.mass, self.support):
+            warnings.warn(doubt, MachineWarning, stacklevel=2)
+        return loaded
 
     @property
     def payload_mass(self) -> float:

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
 from zmp_sqp.arrays import Array, distinct_texts, finite_number, shortened
-from zmp_sqp.errors import GIVE_LIMITS, MachineError, ProblemError
+from zmp_sqp.errors import GIVE_LIMITS, MachineError, ProblemError, ProblemWarning
 from zmp_sqp.mechanics.coordinates import Coordinates
-from zmp_sqp.mechanics.limits import LIMIT_TOLERANCE, JointLimits, position_fault
+from zmp_sqp.mechanics.limits import (
+    FULL_TURN,
+    LIMIT_TOLERANCE,
+    JointLimits,
+    position_fault,
+)
 from zmp_sqp.mechanics.lumped_mass import FORM_TOLERANCE
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.planning.constraints.tip_over import supported
@@ -66,6 +72,7 @@ UNCERTAINTIES = (
 FARTHEST = 1e5  # [rad or m] largest coordinate: beyond it, float64 leaves too few digits
 # [rad/s or m/s; rad/s^2 or m/s^2] range of velocity and acceleration limits: outside it, squared
 # durations overflow
+MANY_TURNS = 4.0 * FULL_TURN  # [rad] angles beyond it may be meant in degrees
 LIMIT_RANGE = (1e-12, 1e12)
 
 
@@ -247,6 +254,13 @@ def _check_joint(name: str, joint: str, unit: str, limits: _Limits, *, q: float,
         raise ProblemError(
             f"{name} of joint {joint!r} is {q:.6g} {unit}: "
             f"planning needs it within +-{FARTHEST:g} {unit}"
+        )
+    if unit == "rad" and abs(q) > MANY_TURNS:
+        warnings.warn(
+            f"{name} of joint {joint!r} is {q:.6g} rad, {abs(q) / FULL_TURN:.3g} full turns; if it "
+            f"is meant in degrees, it is {np.radians(q):.4g} rad",
+            ProblemWarning,
+            stacklevel=6,  # the line that poses the Problem
         )
     # the joint must be able to stop after the start, or to speed up before the goal
     onward = v if name == "start" else -v
