@@ -122,7 +122,18 @@ FAULTS = {
         "joint 'turn' has type 'spherical'",
     ),
     "no type": (edited(' type="revolute"', ""), "joint 'turn' has type ''"),
-    "mimic": (edited("<axis", '<mimic joint="other"/><axis'), "joint 'turn' mimics"),
+    "mimic of itself": (
+        edited("<axis", '<mimic joint="turn"/><axis'),
+        "joint 'turn' mimics itself",
+    ),
+    "mimic of nothing": (
+        edited("<axis", "<mimic/><axis"),
+        "joint 'turn': its <mimic> names no joint",
+    ),
+    "infinite mimic": (
+        edited("<axis", '<mimic joint="turn" offset="inf"/><axis'),
+        "joint 'turn': <mimic offset> must be finite",
+    ),
     "no parent": (edited('<parent link="base"/>', ""), "joint 'turn' has no <parent link>"),
     "absent child": (
         edited('<child link="arm"/>', '<child link="leg"/>'),

@@ -140,6 +140,8 @@ def inspect(
 def slew_joint(machine: Machine) -> str:
     """Name of the first planned joint that turns about the root's z axis, at zero coordinates.
 
+    A joint that others mimic does not count: they would turn elsewhere at the same time.
+
     Returns:
         The name; empty if there is none.
     """
@@ -150,7 +152,7 @@ def slew_joint(machine: Machine) -> str:
     for name, unit in zip(machine.joint_names, machine.joint_units, strict=True):
         joint = machine.model.getJointId(name)
         axis = data.oMi[joint].rotation @ _axis(machine, joint)
-        if unit == "rad" and np.hypot(axis[0], axis[1]) < UPRIGHT:
+        if unit == "rad" and not machine.mimics_of(name) and np.hypot(axis[0], axis[1]) < UPRIGHT:
             return name
     return ""
 

@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from zmp_sqp.arrays import Array, Indices, finite_number, frozen_array
 from zmp_sqp.errors import MachineError, MachineWarning
+from zmp_sqp.mechanics.joint_coupling import JointCoupling
 from zmp_sqp.mechanics.limits import JointLimits
 from zmp_sqp.mechanics.payload import Payload
 from zmp_sqp.mechanics.plausible_payload import payload_doubts
@@ -19,6 +20,8 @@ from zmp_sqp.mechanics.summary import joint_lines, mass_text, support_text
 from zmp_sqp.mechanics.support import SupportPolygon
 
 __all__ = ["Machine"]
+
+ROOT = 6  # number of rates of the root's free-flyer joint, which come first in Pinocchio's v
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,10 +40,8 @@ class Machine:
         joint_names: The n planned joints, in the order of the URDF file.
         limits: Position, velocity, acceleration and effort limits, each of shape (n,).
         support: Support polygon in the root frame, or None if none is known.
-        index_q: Index of each joint's coordinate in Pinocchio's q, shape (n,). A continuous joint
-            has two entries there, cos and sin; this is the index of the first.
-        index_v: Index of each joint's rate in Pinocchio's v, shape (n,).
-        continuous: Whether each joint is continuous (turns without limits), shape (n,).
+        coupling: Map from the planned joints to all movable joints of the model; the others mimic
+            planned ones.
     """
 
     name: str
@@ -48,9 +49,7 @@ class Machine:
     joint_names: tuple[str, ...]
     limits: JointLimits
     support: SupportPolygon | None
-    index_q: Indices = field(repr=False)
-    index_v: Indices = field(repr=False)
-    continuous: tuple[bool, ...] = field(repr=False)
+    coupling: JointCoupling = field(repr=False)
 
     def __str__(self) -> str:
         """Name, mass, support polygon, and the planned joints with their units and limits."""
@@ -86,12 +85,37 @@ class Machine:
         """
         full = np.zeros((q.shape[0], self.model.nq))
         full[:, 6] = 1.0  # unit quaternion (0, 0, 0, 1) of the root
-        full[:, self.index_q] = q
-        for column, at in zip(
-            np.flatnonzero(self.continuous), self.index_q[list(self.continuous)], strict=True
-        ):
-            full[:, at], full[:, at + 1] = np.cos(q[:, column]), np.sin(q[:, column])
+        positions = self.coupling.positions(q)
+        full[:, self.coupling.index_q] = positions
+        for row in self.coupling.continuous:
+            at, angle = self.coupling.index_q[row], positions[:, row]
+            full[:, at], full[:, at + 1] = np.cos(angle), np.sin(angle)
         return full
+
+    @property
+    def index_q(self) -> Indices:
+        """Index of each planned joint's own coordinate in Pinocchio's q, shape (n,).
+
+        A continuous joint has two entries there, cos and sin; this is the index of the first.
+        """
+        return np.asarray(self.coupling.index_q[self.coupling.own])
+
+    @property
+    def index_v(self) -> Indices:
+        """Index of each planned joint's own rate in Pinocchio's v, shape (n,)."""
+        return np.asarray(ROOT + self.coupling.own)
+
+    @property
+    def continuous(self) -> tuple[bool, ...]:
+        """Whether each planned joint is continuous (turns without limits), shape (n,)."""
+        return tuple(int(row) in self.coupling.continuous for row in self.coupling.own)
+
+    def mimics_of(self, joint: str) -> tuple[str, ...]:
+        """Names of the joints that follow a planned joint, which they mimic."""
+        column = self.joint_names.index(joint)
+        rows = np.flatnonzero(self.coupling.G[:, column]).tolist()
+        names = list(self.model.names)[2:]
+        return tuple(names[row] for row in rows if row != self.coupling.own[column])
 
     @property
     def joint_units(self) -> tuple[str, ...]:

@@ -84,8 +84,10 @@ def worst_turn(
         offset: Position of the mass in that frame, shape (3,) [m]; None is its origin.
 
     Raises:
-        MachineError: No support polygon, or an unknown frame.
+        MachineError: No support polygon, an unknown frame, or a joint that others mimic.
     """
+    if mimics := machine.mimics_of(joint):
+        raise MachineError(f"joint {joint!r} does not turn alone: joint {mimics[0]!r} mimics it")
     index = machine.joint_names.index(joint)
     poses = np.repeat(np.asarray(q, dtype=np.float64)[None], 3, axis=0)
     poses[:, index] = 2.0 * np.pi * np.arange(3) / 3.0  # they tell first harmonics exactly

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from zmp_sqp.arrays import Array, Indices
+from zmp_sqp.arrays import Array
+from zmp_sqp.mechanics.joint_coupling import JointCoupling
 from zmp_sqp.mechanics.machine import Machine
 
 __all__ = [
@@ -36,35 +37,35 @@ class EffortDerivatives:
 
     The first six rows are the ground reaction wrench (f, tau) about the root origin, root axes
     [N, N m]. If joint efforts are included, n rows follow: the torque of each revolute joint [N m],
-    the force of each prismatic joint [N].
+    the force of each prismatic joint [N], with the efforts of joints that mimic it.
 
     Attributes:
         effort: Shape (K, R) with R = 6 or 6 + n.
         by_q, by_v, by_a: Derivatives by Pinocchio's coordinates, rates and accelerations, shape
             (K, R, nv) each.
-        joints: Their columns of the planned joints.
+        coupling: Map from the planned joints to the joints of their columns.
     """
 
     effort: Array
     by_q: Array
     by_v: Array
     by_a: Array
-    joints: Any
+    coupling: JointCoupling
 
     @property
     def wrt_position(self) -> Array:
         """Derivatives by the joint coordinates, shape (K, R, n)."""
-        return np.asarray(self.by_q[:, :, self.joints])
+        return self.coupling.columns(self.by_q[:, :, WRENCH:])
 
     @property
     def wrt_rate(self) -> Array:
         """Derivatives by the joint rates, shape (K, R, n)."""
-        return np.asarray(self.by_v[:, :, self.joints])
+        return self.coupling.columns(self.by_v[:, :, WRENCH:])
 
     @property
     def wrt_joint_acceleration(self) -> Array:
         """Derivatives by the joint accelerations, shape (K, R, n)."""
-        return np.asarray(self.by_a[:, :, self.joints])
+        return self.coupling.columns(self.by_a[:, :, WRENCH:])
 
     @property
     def wrt_velocity(self) -> Array:
@@ -153,15 +154,15 @@ def efforts(
         joints: Whether the rows of the joints follow those of the wrench.
 
     Returns:
-        Wrench (f, tau) about the root origin, root axes, then the torque or force of each joint,
-        shape (K, 6 + n), or (K, 6) without joints [N, N m].
+        Wrench (f, tau) about the root origin, root axes, then the torque or force of each joint
+        with those of the joints that mimic it, shape (K, 6 + n), or (K, 6) without joints
+        [N, N m].
     """
     states = _stack(machine, q, v, a, root_velocity, root_acceleration)
     found = np.empty((len(states[0]), machine.model.nv))
     # one thread; arrays are passed as the columns that Pinocchio expects, without a copy
     pin.rneaInParallel(1, _workspace(machine.model).pool, *(part.T for part in states), found.T)
-    rows = _rows(machine, joints)
-    return found[:, :WRENCH] if rows is None else found[:, rows]
+    return machine.coupling.rows(found, WRENCH) if joints else found[:, :WRENCH]
 
 
 def ground_reaction_derivatives(
@@ -208,29 +209,27 @@ def effort_derivatives(
         machine, q, v, a, root_acceleration, root_velocity, joints: Arguments of `efforts`.
     """
     states = _stack(machine, q, v, a, root_velocity, root_acceleration)
-    rows = _rows(machine, joints)
     model, data = machine.model, _workspace(machine.model).data
-    count, size, nv = len(states[0]), WRENCH if rows is None else len(rows), model.nv
+    count, size, nv = len(states[0]), model.nv if joints else WRENCH, model.nv
     effort = np.empty((count, size))
-    by_q, by_v = np.empty((2, count, size, nv))
-    by_a = np.empty((count, WRENCH if rows is None else nv, nv))
+    by_q, by_v, by_a = np.empty((3, count, size, nv))
     differentiate = pin.computeRNEADerivatives
     # views of the memory that Pinocchio writes into; M's lower triangle stays empty
     tau, dtau_dq, dtau_dv, mass = data.tau, data.dtau_dq, data.dtau_dv, data.M
-    if rows is None:
+    if not joints:
         tau, dtau_dq, dtau_dv = tau[:WRENCH], dtau_dq[:WRENCH], dtau_dv[:WRENCH]
         mass = mass[:WRENCH]
     for row, (one_q, one_v, one_a) in enumerate(zip(*states, strict=True)):
         differentiate(model, data, one_q, one_v, one_a)
-        effort[row] = tau if rows is None else tau[rows]
-        by_q[row] = dtau_dq if rows is None else dtau_dq[rows]
-        by_v[row] = dtau_dv if rows is None else dtau_dv[rows]
-        by_a[row] = mass
-    lower = np.tril_indices(by_a.shape[1], -1)
+        effort[row], by_q[row], by_v[row], by_a[row] = tau, dtau_dq, dtau_dv, mass
+    lower = np.tril_indices(size, -1)
     by_a[:, lower[0], lower[1]] = by_a[:, lower[1], lower[0]]
-    if rows is not None:
-        by_a = by_a[:, rows]
-    return EffortDerivatives(effort, by_q, by_v, by_a, _columns(machine))
+    coupling = machine.coupling
+    if joints:
+        effort, by_q, by_v, by_a = (
+            coupling.rows(part, WRENCH) for part in (effort, by_q, by_v, by_a)
+        )
+    return EffortDerivatives(effort, by_q, by_v, by_a, coupling)
 
 
 @dataclass(frozen=True, slots=True)
@@ -266,18 +265,6 @@ def _workspace(model: Any) -> _Workspace:
     return found
 
 
-def _columns(machine: Machine) -> Any:
-    """Columns of the planned joints in Pinocchio's rates: a slice where they are in order."""
-    index = machine.index_v
-    in_order = np.array_equal(index, np.arange(WRENCH, WRENCH + len(index)))
-    return slice(WRENCH, WRENCH + len(index)) if in_order else index
-
-
-def _rows(machine: Machine, joints: bool) -> Indices | None:
-    """Rows of Pinocchio's tau for wrench and joints, shape (6 + n,); None for the wrench alone."""
-    return np.concatenate([np.arange(WRENCH), machine.index_v]) if joints else None
-
-
 def _stack(
     machine: Machine,
     q: Array,
@@ -288,8 +275,8 @@ def _stack(
 ) -> tuple[Array, Array, Array]:
     """States as Pinocchio takes them: q (K, nq), v (K, nv) and a (K, nv), the root first."""
     velocity, acceleration = np.zeros((2, len(q), machine.model.nv))
-    velocity[:, machine.index_v] = v
-    acceleration[:, machine.index_v] = a
+    velocity[:, WRENCH:] = machine.coupling.rates(v)
+    acceleration[:, WRENCH:] = machine.coupling.rates(a)
     acceleration[:, :WRENCH] = root_acceleration
     if root_velocity is not None:
         velocity[:, :WRENCH] = root_velocity

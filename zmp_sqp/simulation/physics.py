@@ -10,6 +10,7 @@ import numpy as np
 from zmp_sqp.arrays import Array, Indices, finite_number
 from zmp_sqp.errors import GIVE_SUPPORT, MachineError, ProblemError, TrajectoryError
 from zmp_sqp.mechanics.ground import Ground
+from zmp_sqp.mechanics.joint_coupling import JointCoupling
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.motion.trajectory import Trajectory
 from zmp_sqp.simulation.engine import load_mujoco
@@ -77,7 +78,9 @@ def replay(
     settings = _Settings.checked(
         trajectory, time_step=time_step, hold=hold, friction=friction, sinkage=sinkage
     )
-    record = _simulate(_Simulation.of(machine, ground, settings), trajectory, settings)
+    record = _simulate(
+        _Simulation.of(machine, ground, settings), trajectory, machine.coupling, settings
+    )
     times = np.asarray(settings.time_step * np.arange(len(record.poses)), dtype=np.float64)
     return Replay(machine, trajectory, ground, times, *record)
 
@@ -138,8 +141,9 @@ class _Simulation:
         model: `mujoco.MjModel` of the machine on its ground.
         data: `mujoco.MjData`, the state of the simulation.
         time_step: Length of a step [s].
-        at_q, at_v: Index of each joint in MuJoCo's positions and rates, shape (n,) each.
-        drive: Inertia of each joint's drive, shape (n,) [kg m^2 or kg].
+        at_q, at_v: Index of each joint in MuJoCo's positions and rates, shape (m,) each; the m
+            joints are those of the Pinocchio model, mimic joints included.
+        drive: Inertia of each joint's drive, shape (m,) [kg m^2 or kg].
         corner_of: Corner of the support polygon whose foot a geometry is, by index of the geometry.
         corners: Number V of corners of the support polygon.
     """
@@ -165,7 +169,7 @@ class _Simulation:
             friction=(settings.friction, settings.friction * 1.0),  # 1.0 m: lever of twisting
             sinkage=settings.sinkage,
         ).compile()
-        joints = [model.joint(name) for name in machine.joint_names]
+        joints = [model.joint(name) for name in list(machine.model.names)[2:]]
         at_v = np.array([joint.dofadr[0] for joint in joints])
         return cls(
             mujoco,
@@ -185,15 +189,15 @@ class _Simulation:
         return np.asarray(self.data.qpos[:7])
 
     def set_positions(self, q: Array) -> None:
-        """Set the joint coordinates, shape (n,)."""
+        """Set the joint coordinates, shape (m,)."""
         self.data.qpos[self.at_q] = q
 
     def set_rates(self, v: Array) -> None:
-        """Set the joint rates, shape (n,)."""
+        """Set the joint rates, shape (m,)."""
         self.data.qvel[self.at_v] = v
 
     def step_to(self, target: Array) -> float:
-        """Simulate one step in which the joints are driven to `target`, shape (n,).
+        """Simulate one step in which the joints are driven to `target`, shape (m,).
 
         The drive forces are drive * (target - q - h v) / h^2, see `replay`.
 
@@ -215,18 +219,22 @@ class _Simulation:
         return loads
 
 
-def _simulate(simulation: _Simulation, trajectory: Trajectory, settings: _Settings) -> _Record:
+def _simulate(
+    simulation: _Simulation, trajectory: Trajectory, coupling: JointCoupling, settings: _Settings
+) -> _Record:
     """Let the machine settle at rest, then drive its joints along a trajectory."""
     h = settings.time_step
     before = round(SETTLING / h)
     after = int(np.ceil((trajectory.duration + settings.hold) / h))
-    wanted = trajectory(np.minimum(h * np.arange(after + 2), trajectory.duration))[0]  # (K + 1, n)
+    planned = trajectory(np.minimum(h * np.arange(after + 2), trajectory.duration))[0]
+    wanted = coupling.positions(planned)  # (K + 1, m)
     simulation.set_positions(wanted[0])
     poses, loads = np.empty((after + 1, 7)), np.zeros((after + 1, simulation.corners))
     error = 0.0
     for k in range(-before, after + 1):  # negative steps: at rest before the motion
         if k == 0:  # the rate half a step ago, so that the first step has the first acceleration
-            simulation.set_rates(trajectory.velocities[0] - 0.5 * h * trajectory.accelerations[0])
+            first = trajectory.velocities[0] - 0.5 * h * trajectory.accelerations[0]
+            simulation.set_rates(coupling.rates(first))
         if k >= 0:
             poses[k] = simulation.root_pose
         error = max(error, simulation.step_to(wanted[max(k + 1, 0)]))

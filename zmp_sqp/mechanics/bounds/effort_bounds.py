@@ -23,6 +23,9 @@ w has :math:`b' = w \times b`, hence by Leibniz
 :math:`|b^{(k+1)}| \le \sum_j \binom{k}{j} |w^{(j)}| |b^{(k-j)}|`; a joint adds its axis times
 the rate to w; an inertia tensor in axes that stand still has :math:`|I'| \le 2 |w| |I|`.
 
+Joints that mimic a planned joint follow it with the multiplier m: its peaks times |m| are theirs,
+and |m| times the bounds on their efforts adds to that on its effort (`JointCoupling`).
+
 The first bound is the sum of the absolute values of all that inverse dynamics adds up, so that
 rounding errors are a small multiple of machine precision times it.
 """
@@ -44,6 +47,8 @@ __all__ = [
     "effort_bounds",
     "is_prismatic",
 ]
+
+FIRST = 2  # Pinocchio's index of the first joint behind the root
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -176,9 +181,7 @@ def _link_bounds(
     """Bounds on the motion of every link, from root to tip, by Pinocchio's joint index."""
     model, count = machine.model, len(v)
     zero = np.zeros(count)
-    coordinates = np.zeros((ORDERS + 1, model.nv, count))  # [0] coordinate, [1] rate, ...
-    for k, values in enumerate((reach, v, a, j)):
-        coordinates[k, machine.index_v] = values.T
+    coordinates = _of_all_joints(machine, reach, v, a, j)
     drive, spin = (list(part) for part in (np.zeros((2, 4, count)) if base is None else base))
     still, unit = [zero] * ORDERS, turning(spin)
     world = _Link(0, 0.0, unit, still, still, still, spin, unit, [], [])
@@ -191,7 +194,7 @@ def _link_bounds(
         offset = [before.unit[k] * length for k in range(ORDERS)]
         own, body = before.spin, before.unit
         if joint > 1:  # the root itself moves as the base does
-            q = coordinates[:, model.joints[joint].idx_v]
+            q = coordinates[:, joint - FIRST]
             if is_prismatic(model, joint):
                 offset = [offset[k] + leibniz(before.unit, q, k) for k in range(ORDERS)]
             else:
@@ -225,6 +228,20 @@ def _link_bounds(
     return links
 
 
+def _of_all_joints(machine: Machine, reach: Array, *derivatives: Array) -> Array:
+    """Peaks of all joints behind the root, from those of the planned ones, (K, n) each.
+
+    Returns:
+        Shape (ORDERS + 1, m, K): coordinates, rates, ..., and zeros beyond the derivatives given.
+    """
+    coupling = machine.coupling
+    found = np.zeros((ORDERS + 1, len(coupling.leader), len(reach)))
+    found[0] = coupling.largest_positions(reach).T
+    for k, values in enumerate(derivatives, start=1):
+        found[k] = coupling.largest_rates(values).T
+    return found
+
+
 def _joint_bounds(machine: Machine, links: list[_Link]) -> Array:
     """Bounds on the planned joints' efforts and their second derivatives, shape (2, K, n)."""
     model = machine.model
@@ -232,13 +249,14 @@ def _joint_bounds(machine: Machine, links: list[_Link]) -> Array:
     moment = [
         [link.moment(link.lever, k) for k in range(3)] if i else [] for i, link in enumerate(links)
     ]
-    column = {int(index): i for i, index in enumerate(machine.index_v)}
+    leader, share = machine.coupling.leader, np.abs(machine.coupling.multiplier)
     found = np.zeros((2, len(links[1].acceleration[0]), machine.size))
     for joint in range(len(links) - 1, 1, -1):  # from tip to root
         link = links[joint]
         drawn = force[joint] if is_prismatic(model, joint) else moment[joint]
-        at = column[model.joints[joint].idx_v]
-        found[0, :, at], found[1, :, at] = drawn[0], leibniz(link.axis, drawn, 2)
+        at, weight = leader[joint - FIRST], share[joint - FIRST]
+        found[0, :, at] += weight * drawn[0]
+        found[1, :, at] += weight * leibniz(link.axis, drawn, 2)
         for k in range(3):
             force[link.parent][k] = force[link.parent][k] + force[joint][k]
             carried = moment[joint][k] + leibniz(link.offset, force[joint], k)

@@ -36,7 +36,7 @@ from typing import NamedTuple
 import numpy as np
 
 from zmp_sqp.arrays import Array
-from zmp_sqp.mechanics.bounds.effort_bounds import EffortBound, is_prismatic
+from zmp_sqp.mechanics.bounds.effort_bounds import FIRST, EffortBound, is_prismatic
 from zmp_sqp.mechanics.inertia import spectral_norm
 from zmp_sqp.mechanics.machine import Machine
 
@@ -49,7 +49,9 @@ class BodyNorms:
 
     Attributes:
         parent: Pinocchio's index of the joint before.
-        column: Index of the joint among the planned joints; -1 for the root.
+        column: Index of the planned joint that the joint follows; -1 for the root.
+        multiplier: Size of its multiplier |m|: the joint moves |m| times as much as that joint.
+        shift: Size of its coordinate where that of the planned joint is zero [rad or m].
         slides: Whether the joint is prismatic.
         offset: Distance from the joint before, at coordinate zero [m].
         mass: Mass m [kg].
@@ -59,6 +61,8 @@ class BodyNorms:
 
     parent: int
     column: int
+    multiplier: float
+    shift: float
     slides: bool
     offset: float
     mass: float
@@ -100,7 +104,7 @@ def body_norms(machines: Sequence[Machine]) -> tuple[BodyNorms, ...]:
 def _body_norms(machines: tuple[Machine, ...]) -> tuple[BodyNorms, ...]:
     """`body_norms` of distinct machines."""
     first = machines[0].model
-    columns = {int(index): i for i, index in enumerate(machines[0].index_v)}
+    coupling = machines[0].coupling
     inertias = [list(machine.model.inertias)[1:] for machine in machines]
     mass = np.array([[body.mass for body in row] for row in inertias])
     lever = np.linalg.norm([[body.lever for body in row] for row in inertias], axis=2)
@@ -110,7 +114,9 @@ def _body_norms(machines: tuple[Machine, ...]) -> tuple[BodyNorms, ...]:
     return tuple(
         BodyNorms(
             first.parents[joint],
-            columns[first.joints[joint].idx_v] if joint > 1 else -1,
+            int(coupling.leader[joint - FIRST]) if joint > 1 else -1,
+            abs(float(coupling.multiplier[joint - FIRST])) if joint > 1 else 0.0,
+            abs(float(coupling.offset[joint - FIRST])) if joint > 1 else 0.0,
             joint > 1 and is_prismatic(first, joint),
             float(np.linalg.norm(first.jointPlacements[joint].translation)),
             *(float(value) for value in bodies[joint - 1]),
@@ -128,24 +134,25 @@ def effort_size(bodies: Sequence[BodyNorms], norms: Norms, *, joints: bool = Fal
         joints: Whether to bound the joints' efforts too.
     """
     count = len(bodies) + 1
-    longer = np.exp(norms.imaginary)  # factor by which a joint's rotation may lengthen a vector
+    driven = _of_joints(bodies, norms)
+    longer = np.exp(driven.imaginary)  # factor by which a joint's rotation may lengthen a vector
     spin, turn, acceleration = ([norms.root_spin] * count for _ in range(3))
     turn[1], acceleration[1] = norms.root_turn, norms.root_acceleration
     offset: list[Array | float] = [0.0] * count
     force, moment = [norms.root_spin] * count, [norms.root_spin] * count
     for joint, body in enumerate(bodies, start=1):
-        parent, i = body.parent, body.column
+        parent, i = body.parent, joint - FIRST
         if joint > 1:
             turned = turn[parent] + spin[parent] ** 2
-            offset[joint] = body.offset + norms.q[i] if body.slides else body.offset
+            offset[joint] = body.offset + driven.q[i] if body.slides else body.offset
             carried = acceleration[parent] + turned * offset[joint]
             if body.slides:
                 spin[joint], turn[joint] = spin[parent], turn[parent]
-                acceleration[joint] = carried + 2.0 * spin[parent] * norms.v[i] + norms.a[i]
+                acceleration[joint] = carried + 2.0 * spin[parent] * driven.v[i] + driven.a[i]
             else:
                 before = longer[i] * spin[parent]
-                spin[joint] = before + norms.v[i]
-                turn[joint] = longer[i] * turn[parent] + before * norms.v[i] + norms.a[i]
+                spin[joint] = before + driven.v[i]
+                turn[joint] = longer[i] * turn[parent] + before * driven.v[i] + driven.a[i]
                 acceleration[joint] = longer[i] * carried
         turned = turn[joint] + spin[joint] ** 2
         force[joint] = body.mass * acceleration[joint] + body.first_moment * turned
@@ -153,11 +160,22 @@ def effort_size(bodies: Sequence[BodyNorms], norms: Norms, *, joints: bool = Fal
     of_joints = np.zeros((norms.v.shape[1], len(norms.v) if joints else 0))
     for joint in range(count - 1, 1, -1):  # from tip to root
         body = bodies[joint - 1]
-        parent, i = body.parent, body.column
+        parent, i = body.parent, joint - FIRST
         if joints:
-            of_joints[:, i] = force[joint] if body.slides else moment[joint]
+            own = force[joint] if body.slides else moment[joint]
+            of_joints[:, body.column] += body.multiplier * own
         if not body.slides:
             force[joint], moment[joint] = longer[i] * force[joint], longer[i] * moment[joint]
         force[parent] = force[parent] + force[joint]
         moment[parent] = moment[parent] + moment[joint] + offset[joint] * force[joint]
     return EffortBound(force[1], moment[1], of_joints)
+
+
+def _of_joints(bodies: Sequence[BodyNorms], norms: Norms) -> Norms:
+    """Norms of the motion of all joints behind the root, from those of the planned joints."""
+    moving = bodies[1:]
+    leader = np.array([body.column for body in moving], dtype=np.intp)
+    factor = np.array([[body.multiplier] for body in moving]).reshape(-1, 1)
+    shift = np.array([[body.shift] for body in moving]).reshape(-1, 1)
+    imaginary, q, v, a = (part[leader] * factor for part in norms[:4])
+    return norms._replace(imaginary=imaginary, q=q + shift, v=v, a=a)

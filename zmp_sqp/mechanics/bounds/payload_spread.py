@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from zmp_sqp.arrays import Array
+from zmp_sqp.mechanics.bounds.effort_bounds import FIRST, is_prismatic
 from zmp_sqp.mechanics.machine import Machine
 
-__all__ = ["moment_of_spread", "turning_bounds"]
+__all__ = ["joint_shares", "moment_of_spread", "turning_bounds"]
 
 
 def moment_of_spread(
@@ -40,6 +41,18 @@ def moment_of_spread(
     return np.asarray(spread * (acceleration + 0.5 * rate**2))
 
 
+def joint_shares(machine: Machine) -> Array:
+    """Largest change of each planned joint's effort per unit of `moment_of_spread`, shape (n,).
+
+    The moment acts on every joint that turns: 1 for a planned joint that turns, 0 for one that
+    slides, and the sizes of the multipliers of the turning joints that mimic it in addition.
+    """
+    turns = [
+        not is_prismatic(machine.model, joint) for joint in range(FIRST, machine.model.njoints)
+    ]
+    return machine.coupling.largest_efforts(np.array(turns, dtype=np.float64))
+
+
 def turning_bounds(
     machine: Machine, v: Array, a: Array, *, base: Array | None = None
 ) -> tuple[Array, Array]:
@@ -50,8 +63,9 @@ def turning_bounds(
         |\dot\omega| \le |\dot\omega_0| + \sum a_i
             + \tfrac12 \left( |\omega_0| + \sum v_i \right)^2
 
-    The sums run over the joints that turn, and \omega_0 belongs to the root. The quadratic term
-    arises because the axis of each joint rotates with the joints before it.
+    The sums run over the joints that turn, mimic joints included, and \omega_0 belongs to the
+    root. The quadratic term arises because the axis of each joint rotates with the joints before
+    it.
 
     Args:
         machine: Machine.
@@ -63,12 +77,9 @@ def turning_bounds(
     Returns:
         Bounds on |\omega| and |\dot\omega|, shape (K,) each [rad/s, rad/s^2].
     """
-    joints = machine.model.joints
-    turning = [
-        joint for joint in list(joints)[2:] if not joint.shortname().startswith("JointModelP")
-    ]
-    index = {int(column): i for i, column in enumerate(machine.index_v)}
-    columns = [index[joint.idx_v] for joint in turning]
+    model = machine.model
+    turning = [i - FIRST for i in range(FIRST, model.njoints) if not is_prismatic(model, i)]
+    v, a = (machine.coupling.largest_rates(peaks)[:, turning] for peaks in (v, a))
     spin, spin_rate = (np.zeros(len(v)),) * 2 if base is None else base[1, :2]
-    rate = spin + v[:, columns].sum(axis=1)
-    return rate, spin_rate + a[:, columns].sum(axis=1) + 0.5 * rate**2
+    rate = spin + v.sum(axis=1)
+    return rate, spin_rate + a.sum(axis=1) + 0.5 * rate**2

@@ -178,7 +178,8 @@ def _for_pinocchio(robot: ET.Element) -> str:
     """URDF reduced to what Pinocchio has to read.
 
     Links have no shapes, so that meshes are never opened. Joints have zero limits, because the
-    parser insists on limits and the actual ones are read by `read_joint`.
+    parser insists on limits and the actual ones are read by `read_joint`. There is no <mimic>
+    either, see `JointCoupling`.
     """
     copy = ET.Element("robot", {"name": robot.attrib["name"]})
     for element in robot:
@@ -187,7 +188,7 @@ def _for_pinocchio(robot: ET.Element) -> str:
             link.extend(child for child in element if child.tag == "inertial")
         elif element.tag == "joint":
             joint = ET.SubElement(copy, "joint", element.attrib)
-            joint.extend(child for child in element if child.tag != "limit")
+            joint.extend(child for child in element if child.tag not in ("limit", "mimic"))
             if element.get("type") in ("revolute", "prismatic"):
                 ET.SubElement(
                     joint, "limit", {"lower": "0", "upper": "0", "velocity": "0", "effort": "0"}

@@ -16,6 +16,7 @@ __all__ = [
     "MOVABLE",
     "Body",
     "Joint",
+    "Mimic",
     "Shape",
     "numbers",
     "read_body",
@@ -42,6 +43,21 @@ class Body:
     inertia: Array
 
 
+@dataclass(frozen=True, slots=True)
+class Mimic:
+    """A <mimic>: the coordinate of a joint is multiplier times that of another, plus an offset.
+
+    Attributes:
+        joint: Name of the other joint.
+        multiplier: Factor of its coordinate.
+        offset: Coordinate of the mimicking joint where that of the other is zero [rad or m].
+    """
+
+    joint: str
+    multiplier: float = 1.0
+    offset: float = 0.0
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Joint:
     """One joint of a URDF; limits that the file does not give are NaN.
@@ -55,6 +71,7 @@ class Joint:
         upper: Highest coordinate [rad or m].
         velocity: Largest rate [rad/s or m/s].
         effort: Largest torque or force [N m or N].
+        mimic: Joint that this one follows, or None; a fixed joint follows none.
     """
 
     name: str
@@ -65,6 +82,7 @@ class Joint:
     upper: float
     velocity: float
     effort: float
+    mimic: Mimic | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,16 +142,14 @@ def read_joint(element: ET.Element) -> Joint:
     """Joint of a <joint> element.
 
     Raises:
-        MachineError: Unsupported type, <mimic>, no parent or child, zero axis, or impossible
-            limits; the message names the joint.
+        MachineError: Unsupported type, <mimic> of no joint, no parent or child, zero axis, or
+            impossible limits; the message names the joint.
     """
     where, kind = spell(element), element.get("type", "")
     if kind not in (*MOVABLE, "fixed"):
         raise MachineError(
             f"{where} has type {kind!r}; supported are {', '.join(MOVABLE)} and fixed"
         )
-    if element.find("mimic") is not None:
-        raise MachineError(f"{where} mimics another joint: <mimic> is not supported")
     ends = []
     for tag in ("parent", "child"):
         end = element.find(tag)
@@ -165,7 +181,30 @@ def read_joint(element: ET.Element) -> Joint:
         raise MachineError(
             f"{where}: lower position limit {lower} is above upper position limit {upper}"
         )
-    return Joint(element.attrib["name"], kind, ends[0], ends[1], lower, upper, velocity, effort)
+    mimic = element.find("mimic") if kind != "fixed" else None
+    return Joint(
+        element.attrib["name"],
+        kind,
+        ends[0],
+        ends[1],
+        lower,
+        upper,
+        velocity,
+        effort,
+        mimic=None if mimic is None else _mimic(mimic, where),
+    )
+
+
+def _mimic(element: ET.Element, where: str) -> Mimic:
+    """Values of a <mimic> element."""
+    if not element.get("joint"):
+        raise MachineError(f"{where}: its <mimic> names no joint")
+    given = {
+        key: numbers(element, key, 1, where)[0]
+        for key in ("multiplier", "offset")
+        if key in element.attrib
+    }
+    return Mimic(element.attrib["joint"], **given)
 
 
 def read_body(link: ET.Element) -> Body:

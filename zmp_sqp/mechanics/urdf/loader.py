@@ -25,6 +25,7 @@ from zmp_sqp.mechanics.urdf.description import UrdfDescription, read_description
 from zmp_sqp.mechanics.urdf.elements import MOVABLE
 from zmp_sqp.mechanics.urdf.footprint import footprint, footprint_of_links
 from zmp_sqp.mechanics.urdf.limits_yaml import read_joint_limits
+from zmp_sqp.mechanics.urdf.mimics import Mimics
 from zmp_sqp.mechanics.urdf.plausibility import massless_chains, unphysical_inertias
 
 __all__ = ["load_machine", "shipped_machines"]
@@ -42,7 +43,12 @@ def load_machine(
 ) -> Machine:
     """Load a machine from a URDF file.
 
-    The planned joints are all revolute, continuous and prismatic joints, in the order of the file.
+    The planned joints are all revolute, continuous and prismatic joints, in the order of the file,
+    but those that <mimic> another one. These follow it with multiplier and offset, through chains
+    of mimics too, and their limits in the files limit the joint that they follow: its position,
+    velocity and acceleration all the time, its effort where it has no effort limit of its own
+    (`Mimics.leading`). A joint that mimics no joint of the file moves on its own, with a
+    `MachineWarning`.
 
     Joint limits come from the URDF. Limits from a joint_limits.yaml in the format of MoveIt replace
     them: by default from the file `<stem>.joint_limits.yaml` in the folder of the URDF or, if there
@@ -56,8 +62,8 @@ def load_machine(
             to the root link; if these span no polygon, the machine has no support.
         limits: Path of a joint_limits.yaml to be read instead of the one in the folder of the URDF;
             or a mapping such as {"acceleration": 0.4} or {"velocity": {"slew": 0.8}} that replaces
-            single limits read from these files.
-        strict: Whether to refuse inertias that no body can have.
+            single limits of planned joints that come from these files.
+        strict: Whether to refuse inertias that no body can have, and mimics of no joint.
 
     Links without mass or without <inertial> are taken as such. Inertias that no body can have are
     used as given, with a `MachineWarning` if that shifts the ZMP by more than rounding does.
@@ -75,21 +81,18 @@ def load_machine(
         description = read_description(content)
         model = _build(description)
         polygon = _support(support, description, model)
+        movable = [joint for joint in description.joints if joint.kind in MOVABLE]
+        mimics = Mimics.of(movable)
     except MachineError as fault:
         raise MachineError(f"{path}: {fault}") from None
-    movable = [joint for joint in description.joints if joint.kind in MOVABLE]
-    _judge(description, {joint.name for joint in movable}, path, strict=strict)
-    names = tuple(joint.name for joint in movable)
-    found = [model.joints[model.getJointId(name)] for name in names]
+    _judge(description, mimics, path, strict=strict)
     return Machine(
         name=description.name,
         model=model,
-        joint_names=names,
-        limits=_limits(limits, path, names, _urdf_limits(movable)),
+        joint_names=mimics.leaders,
+        limits=_limits(limits, path, mimics, _urdf_limits(movable)),
         support=polygon,
-        index_q=np.array([joint.idx_q for joint in found], dtype=np.intp),
-        index_v=np.array([joint.idx_v for joint in found], dtype=np.intp),
-        continuous=tuple(joint.kind == "continuous" for joint in movable),
+        coupling=mimics.coupling(model),
     )
 
 
@@ -127,12 +130,17 @@ def _locate(source: str | os.PathLike[str]) -> Path:
     raise MachineError(f"there is no file {path}")
 
 
-def _judge(description: UrdfDescription, planned: set[str], path: Path, *, strict: bool) -> None:
-    """Warn of masses and inertias that are hardly meant so; raise MachineError if strict."""
-    impossible = unphysical_inertias(description.bodies)
-    if impossible and strict:
-        raise MachineError(f"{path}: {impossible}")
-    for said in (impossible, massless_chains(description.bodies, description.joints, planned)):
+def _judge(description: UrdfDescription, mimics: Mimics, path: Path, *, strict: bool) -> None:
+    """Warn of what is hardly meant so; raise MachineError for it if strict.
+
+    Masses that may be forgotten are never refused.
+    """
+    leaderless, impossible = mimics.remarks, unphysical_inertias(description.bodies)
+    if strict and (leaderless or impossible):
+        raise MachineError(f"{path}: {leaderless or impossible}")
+    planned = set(mimics.leaders)
+    light = massless_chains(description.bodies, description.joints, planned)
+    for said in (leaderless, impossible, light):
         if said:
             warnings.warn(f"{path}: {said}", MachineWarning, stacklevel=3)
 
@@ -222,11 +230,15 @@ def _urdf_limits(movable: Sequence[Any]) -> JointLimits:
     )
 
 
-def _limits(limits: Any, path: Path, names: tuple[str, ...], urdf: JointLimits) -> JointLimits:
+def _limits(limits: Any, path: Path, mimics: Mimics, urdf: JointLimits) -> JointLimits:
     """Joint limits from the `limits` argument of `load_machine`, from YAML files and the URDF."""
-    if isinstance(limits, str | os.PathLike):
-        return read_joint_limits(Path(limits), urdf, names)
+    is_file = isinstance(limits, str | os.PathLike)
     beside = (path.with_name(f"{path.stem}.joint_limits.yaml"), path.with_name("joint_limits.yaml"))
     found = next((candidate for candidate in beside if candidate.is_file()), None)
-    known = urdf if found is None else read_joint_limits(found, urdf, names)
-    return known if limits is None else known.updated(limits, names)
+    source = Path(limits) if is_file else found
+    known = urdf if source is None else read_joint_limits(source, urdf, mimics.joints)
+    try:
+        leading = mimics.leading(known)
+    except MachineError as fault:
+        raise MachineError(f"{path}: {fault}") from None
+    return leading if limits is None or is_file else leading.updated(limits, mimics.leaders)

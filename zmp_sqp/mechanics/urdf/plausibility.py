@@ -10,7 +10,7 @@ from zmp_sqp.mechanics.ground import GRAVITY
 from zmp_sqp.mechanics.inertia import lacking_moment
 from zmp_sqp.mechanics.urdf.elements import Body, Joint
 
-__all__ = ["massless_chains", "unphysical_inertias"]
+__all__ = ["first", "massless_chains", "unphysical_inertias"]
 
 # share of the largest principal moment up to which a violated triangle inequality is rounding of a
 # CAD export: a thin plate has I_1 + I_2 = I_3 exactly
@@ -45,7 +45,7 @@ def unphysical_inertias(bodies: Mapping[str, Body]) -> str:
         else ""
     )
     return (
-        f"no body can have these rotational inertias: {_first(named, '; ')}. "
+        f"no body can have these rotational inertias: {first(named, '; ')}. "
         f"They are used as given{shift}"
     )
 
@@ -65,14 +65,14 @@ def massless_chains(bodies: Mapping[str, Body], joints: Sequence[Joint], planned
     light = [joint for joint in joints if joint.name in planned and joint.child not in moved]
     if not light:
         return ""
-    named = _first([f"{joint.name!r} (link {joint.child!r})" for joint in light])
+    named = first([f"{joint.name!r} (link {joint.child!r})" for joint in light])
     return (
         f"nothing that these joints move has a mass: {named}. If the links lack an <inertial>, "
         "margins look better than they are"
     )
 
 
-def _first(texts: Iterable[str], separator: str = ", ") -> str:
+def first(texts: Iterable[str], separator: str = ", ") -> str:
     """The first few of several texts, and how many more there are."""
     texts = list(texts)
     more = len(texts) - MOST_NAMED

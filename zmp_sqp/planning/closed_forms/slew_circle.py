@@ -191,6 +191,10 @@ def _slew_axis(machine: Machine, q: Array) -> Array:
     """Horizontal position of the slew axis in the root frame, shape (2,) [m]."""
     model, data, name = machine.model, machine.model.createData(), machine.joint_names[0]
     joint = model.getJointId(name)
+    if mimics := machine.mimics_of(name):
+        raise MachineError(
+            f"joint {mimics[0]!r} mimics {name!r}: what turns with the slew is not rigid"
+        )
     pin.computeJointJacobians(model, data, machine.configuration(q[None])[0])
     # twist of the joint's unit rate about the root origin, root axes: linear, then angular
     twist = pin.getJointJacobian(model, data, joint, pin.WORLD)[:, machine.index_v[0]]

@@ -357,6 +357,7 @@ def _differ_in_inertia_only(models: Sequence[StageModel]) -> bool:
             type(model) is type(first)
             and model.joint_efforts == first.joint_efforts  # type: ignore[attr-defined]
             and model.machine.joint_names == first.machine.joint_names
+            and model.machine.coupling.equals(first.machine.coupling)
             and list(other.parents) == list(machine.parents)
             and np.array_equal(model.coordinates.G, first.coordinates.G)
         )

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from zmp_sqp.arrays import Array, Indices
+from zmp_sqp.mechanics.bounds.payload_spread import joint_shares
 from zmp_sqp.mechanics.wrench import WRENCH
 from zmp_sqp.planning.constraints.effort_rows import EffortRows, effort_curvature
 from zmp_sqp.planning.constraints.protocol import ConstraintRows, StageModel, StageSample
@@ -331,10 +332,10 @@ class StageRows:
         spread = np.array([corner.spread for corner in self.corners])
         if not spread.any():
             return None
-        turns = np.array([unit == "rad" for unit in self.corners[0].model.machine.joint_units])
         joints = self.matrices[:, :, WRENCH:]
+        shares = joint_shares(self.corners[0].model.machine)[: joints.shape[2]]
         reach = np.linalg.norm(self.matrices[:, :, 3:WRENCH], axis=2)
-        reach = reach + np.abs(joints[:, :, turns[: joints.shape[2]]]).sum(axis=2)
+        reach = reach + (np.abs(joints) * shares).sum(axis=2)
         none = np.zeros((1, len(self.corners), self.per_corner - self.effort_rows))
         shared = np.zeros((1, self.count - self.of_corners))
         found = self.assembled((spread[:, None] * reach)[:, None], none, shared)

@@ -138,7 +138,7 @@ def _same_joints(one: Machine, other: Machine) -> bool:
     first, second = one.model, other.model
     if one.support is not other.support or first.njoints != second.njoints:
         return False
-    if not np.array_equal(one.index_v, other.index_v):
+    if not one.coupling.equals(other.coupling):
         return False
     return list(first.parents) == list(second.parents) and all(
         first.joints[i] == second.joints[i]  # kind and axis
@@ -199,7 +199,8 @@ class _Kinematics:
         """Forward kinematics of K joint states (q, v, a), shape (K, n) each."""
         q, v, a = joint_states
         velocity, acceleration = np.zeros((2, len(q), machine.model.nv))
-        velocity[:, machine.index_v], acceleration[:, machine.index_v] = v, a
+        velocity[:, WRENCH:] = machine.coupling.rates(v)
+        acceleration[:, WRENCH:] = machine.coupling.rates(a)
         acceleration[:, :WRENCH] = root_acceleration
         if twist is not None:
             velocity[:, :WRENCH] = twist

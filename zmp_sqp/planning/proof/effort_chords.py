@@ -15,7 +15,7 @@ import numpy as np
 from zmp_sqp.arrays import Array, Indices
 from zmp_sqp.errors import TrajectoryError
 from zmp_sqp.mechanics.bounds.effort_bounds import EffortBound, effort_bounds
-from zmp_sqp.mechanics.bounds.payload_spread import moment_of_spread
+from zmp_sqp.mechanics.bounds.payload_spread import joint_shares, moment_of_spread
 from zmp_sqp.mechanics.ground import GRAVITY
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.uncertainty import Corner
@@ -175,7 +175,8 @@ def _bounds_of_intervals(
         joints=joints,
     )
     first = size[:count]
-    share = OPERATIONS * EPSILON * (1.0 + q.sum(axis=1) + turned)
+    angles = machine.coupling.largest_positions(q)
+    share = OPERATIONS * EPSILON * (1.0 + angles.sum(axis=1) + turned)
     error = EffortBound(share * first.force, share * first.moment, share[:, None] * first.joints)
     if not drive.ground.uniform:
         moved = misplaced_root_bounds(drive, base, gravity=GRAVITY, height=height)
@@ -187,8 +188,7 @@ def _bounds_of_intervals(
         off = moment_of_spread(
             machine, most_v[count:], most_a[count:], spread=corner.spread, base=base
         )
-        turning = np.array([unit == "rad" for unit in machine.joint_units])
-        of_joints = off[:, None] * turning if joints else error.joints
+        of_joints = off[:, None] * joint_shares(machine) if joints else error.joints
         error = error.plus(EffortBound(0.0 * off, off, of_joints))
     return error, curvature[count:]
 

@@ -32,7 +32,7 @@ import numpy as np
 from zmp_sqp.arrays import Array, Indices
 from zmp_sqp.mechanics.bounds.effort_bounds import EffortBound
 from zmp_sqp.mechanics.bounds.effort_norms import BodyNorms, Norms, body_norms, effort_size
-from zmp_sqp.mechanics.bounds.payload_spread import moment_of_spread
+from zmp_sqp.mechanics.bounds.payload_spread import joint_shares, moment_of_spread
 from zmp_sqp.mechanics.ground import GRAVITY
 from zmp_sqp.motion.root_motion import root_motion_bounds
 from zmp_sqp.motion.trajectory import Trajectory
@@ -119,7 +119,7 @@ class EffortCurves:
         )
         if len(corners) > 1:  # one degree for all pieces: the values need not be rearranged
             chosen = np.full(len(chosen), chosen.max())
-        rounding = _rounding(pieces, trajectory, len(corners), chosen)
+        rounding = _rounding(pieces, efforts, chosen)
         error = rounding.plus(pieces.remainder[chosen, np.arange(len(chosen))])
         if any(corner.spread > 0.0 for corner in corners):
             error = _with_spread(error, efforts, pieces)
@@ -339,27 +339,27 @@ def _values(efforts: CornerEfforts, pieces: _Pieces, chosen: Indices) -> Array:
     return found.reshape(most + 1, -1, shape[-1])
 
 
-def _rounding(
-    pieces: _Pieces, trajectory: Trajectory, corners: int, chosen: Indices
-) -> EffortBound:
+def _rounding(pieces: _Pieces, efforts: CornerEfforts, chosen: Indices) -> EffortBound:
     """Bound on the rounding errors of computed efforts and of the polynomials' control points.
 
     Errors are relative to the sum of the absolute values of all terms. The rounding error of an
     angle rotates all links beyond its joint.
     """
+    trajectory, coupling = efforts.trajectory, efforts.corners[0].machine.coupling
     h = np.diff(trajectory.times)[pieces.interval]
     ends = trajectory.positions[:-1], trajectory.velocities[:-1], trajectory.accelerations
     q, v, a = (np.abs(part)[pieces.interval] for part in ends)
     j, h = np.abs(trajectory.jerks[pieces.interval]), h[:, None]
-    turned = (q + h * (v + h * a + h**2 * j)).sum(axis=1)
+    reach = q + h * (v + h * a + h**2 * j)
     if trajectory.snaps is not None:
         s, c = (np.abs(part)[pieces.interval] for part in (trajectory.snaps, trajectory.crackles))
-        turned = turned + (h**4 * (s + h * c)).sum(axis=1)
+        reach = reach + h**4 * (s + h * c)
+    turned = coupling.largest_positions(reach).sum(axis=1)
     if (base := trajectory.base) is not None:
         (_, (spin, _, _)) = base.peaks(pieces.interval, 0.0 * pieces.since, h[:, 0])
         turned = turned + np.abs(base.poses[pieces.interval, 2]) + h[:, 0] * spin
     # differences between corners take up to three times as many operations again
-    operations = OPERATIONS * (1.0 + turned) * (1.0 if corners == 1 else 4.0)
+    operations = OPERATIONS * (1.0 + turned) * (1.0 if len(efforts.corners) == 1 else 4.0)
     none = EffortBound(0.0 * turned, 0.0 * turned, 0.0 * pieces.terms.joints)
     computed = none.plus(pieces.terms, EPSILON * operations)
     found = computed.plus(pieces.size, EPSILON * _operations(DEGREES[int(chosen.max())]))
@@ -384,12 +384,11 @@ def _with_spread(error: EffortBound, efforts: CornerEfforts, pieces: _Pieces) ->
     of_one = moment_of_spread(machine, v, a, spread=1.0, base=base)
     spreads = np.array([corner.spread for corner in efforts.corners])
     off = _known(np.outer(of_one, spreads)).ravel()
-    turning = np.array([unit == "rad" for unit in machine.joint_units])
     joints = np.repeat(error.joints, len(spreads), axis=0)
     return EffortBound(
         np.repeat(error.force, len(spreads)),
         np.repeat(error.moment, len(spreads)) + off,
-        joints + off[:, None] * turning if efforts.joints else joints,
+        joints + off[:, None] * joint_shares(machine) if efforts.joints else joints,
     )
 
 
