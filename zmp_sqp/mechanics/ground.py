@@ -122,7 +122,9 @@ class Slope:
     """Inclined plane, level by default (axes of REP-103: x forward, y left, z up).
 
     The x and y axes of the ground frame lie in the plane and its z axis is the plane's normal. The
-    root frame of a base at yaw = 0 is parallel to the ground frame.
+    root frame of a base at yaw = 0 is parallel to the ground frame. Roll and pitch are about the
+    axes of the machine's root link: if its y axis is what the operator calls forward, a machine
+    that looks uphill rolls.
 
     Attributes:
         roll: Tilt about the x axis of a machine at yaw = 0 [rad]; negative leans the machine to its

@@ -22,7 +22,8 @@ REPEATED = 1e-9  # [m] distance below which two vertices count as one
 class SupportPolygon:
     """Convex polygon spanned by the ground contacts, in the plane z = height of the root frame.
 
-    Edge i runs from vertex i to vertex i + 1 and lies on the line e_i . p = b_i.
+    Edge i runs from vertex i to vertex i + 1 and lies on the line e_i . p = b_i. Edges are named by
+    the axes of the root frame (REP-103: x forward, y left), see `edge_name`.
 
     Attributes:
         vertices: Vertices in the root frame, counter-clockwise seen from above, strictly convex,
@@ -131,6 +132,9 @@ class SupportPolygon:
 
     def edge_name(self, index: int) -> str:
         """Readable name of edge `index`.
+
+        Front is where the root's x axis points (REP-103). For a machine whose URDF has y forward,
+        its own front is the edge named 'left'.
 
         Returns:
             'front', 'left', 'rear' or 'right' on a rectangle, 'edge i' on any other polygon.

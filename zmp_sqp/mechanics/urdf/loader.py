@@ -44,11 +44,14 @@ def load_machine(
     """Load a machine from a URDF file.
 
     The planned joints are all revolute, continuous and prismatic joints, in the order of the file,
-    but those that <mimic> another one. These follow it with multiplier and offset, through chains
-    of mimics too, and their limits in the files limit the joint that they follow: its position,
-    velocity and acceleration all the time, its effort where it has no effort limit of its own
-    (`Mimics.leading`). A joint that mimics no joint of the file moves on its own, with a
-    `MachineWarning`.
+    but those that <mimic> another one. These follow it with multiplier and offset, and limit its
+    position, velocity and acceleration, and its effort where it has no limit of its own. A joint
+    that mimics no joint of the file moves on its own, with a `MachineWarning`.
+
+    The root link's axes are those of REP-103: x forward, y left, z up. Roll and pitch of a `Slope`,
+    the heading of a base that drives and names of edges refer to them. A machine whose front is the
+    y axis plans the same motions on the same slope, given about these axes, but its front edge is
+    called 'left', and it cannot drive forwards. The root's origin may be anywhere.
 
     Joint limits come from the URDF. Limits from a joint_limits.yaml in the format of MoveIt replace
     them: by default from the file `<stem>.joint_limits.yaml` in the folder of the URDF or, if there
@@ -74,11 +77,7 @@ def load_machine(
     """
     path = _locate(source)
     try:
-        content = path.read_bytes()
-    except OSError as cause:
-        raise MachineError(f"cannot read {path}: {cause.strerror or cause}") from None
-    try:
-        description = read_description(content)
+        description = read_description(_content(path))
         model = _build(description)
         polygon = _support(support, description, model)
         movable = [joint for joint in description.joints if joint.kind in MOVABLE]
@@ -128,6 +127,14 @@ def _locate(source: str | os.PathLike[str]) -> Path:
             "or give the path of a URDF"
         )
     raise MachineError(f"there is no file {path}")
+
+
+def _content(path: Path) -> bytes:
+    """Content of a file."""
+    try:
+        return path.read_bytes()
+    except OSError as cause:
+        raise MachineError(f"it cannot be read: {cause.strerror or cause}") from None
 
 
 def _judge(description: UrdfDescription, mimics: Mimics, path: Path, *, strict: bool) -> None:

@@ -188,13 +188,13 @@ class DistanceRows:
         each row, with the stretch's length delta and the largest rate v, acceleration a and jerk j
         of the boom inside:
 
-        .. math:: |d'''| \le B (j + 3 v a + v^3), \quad
-                  |d''''| \le B (4 v j + 3 a^2 + 6 v^2 a + v^4)
+        .. math:: |d'''| \le |B| (j + 3 v a + v^3), \quad
+                  |d''''| \le |B| (4 v j + 3 a^2 + 6 v^2 a + v^4)
         """
         v, a, j = (part[:, BOOM] for part in (stretch.v, stretch.a, stretch.j))
         third = j + 3.0 * v * a + v**3
         fourth = 4.0 * v * j + 3.0 * a**2 + 6.0 * v**2 * a + v**4
-        bend = self.lumped.B * np.column_stack([third, fourth])
+        bend = abs(self.lumped.B) * np.column_stack([third, fourth])
         sag = np.tile(0.125 * stretch.length[:, None] ** 2 * bend, 2)
         reachable = ends - ROUNDING * np.tile(self.limits, 2)
         return reachable - sag, reachable
@@ -203,22 +203,23 @@ class DistanceRows:
 def boom_limits(lumped: LumpedMass, bounds: DistanceLimits, joints: JointLimits) -> JointLimits:
     """Limits of (slew, boom) that contain all motions within the bounds on the lumped mass.
 
-    With |cos q_2| >= c over the range of d, the bounds imply |q_2'| <= v / (B c) and
-    |q_2''| <= (a + B q_2'^2) / (B c). The rows of `DistanceRows` are the stricter ones. The slew
-    keeps its own limits.
+    With |cos q_2| >= c over the range of d, the bounds imply |q_2'| <= v / (|B| c) and
+    |q_2''| <= (a + |B| q_2'^2) / (|B| c). The rows of `DistanceRows` are the stricter ones. The
+    slew keeps its own limits.
 
     Args:
         lumped: Distance of the lumped mass as a function of the boom angle.
         bounds: Bounds on the distance.
         joints: Limits of the machine's joints.
     """
-    reachable = np.clip([bounds.lower, bounds.upper], lumped.A - lumped.B, lumped.A + lumped.B)
-    upper, lower = (float(angle) for angle in lumped.boom(reachable))
+    B = abs(lumped.B)
+    reachable = np.clip([bounds.lower, bounds.upper], lumped.A - B, lumped.A + B)
+    lower, upper = sorted(float(angle) for angle in lumped.boom(reachable))
     lower = max(lower, float(joints.position_lower[BOOM]))
     upper = min(upper, float(joints.position_upper[BOOM]))
-    least = lumped.B * max(min(np.cos(lower), np.cos(upper)), LEAST_COSINE)  # [m/rad] of |d_1|
+    least = B * max(min(np.cos(lower), np.cos(upper)), LEAST_COSINE)  # [m/rad] of |d_1|
     rate = bounds.velocity / least
-    acceleration = (bounds.acceleration + lumped.B * rate**2) / least
+    acceleration = (bounds.acceleration + B * rate**2) / least
     changes = {
         "velocity": [joints.velocity[0], rate],
         "acceleration": [joints.acceleration[0], acceleration],

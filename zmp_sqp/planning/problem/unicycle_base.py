@@ -28,7 +28,10 @@ class UnicycleBase:
     .. math:: \dot x = s \cos\psi, \; \dot y = s \sin\psi, \; \dot s = u_a, \; \ddot\psi = u_\psi
               \qquad \text{(Song \& Sharf 2020, eq. (19))}
 
-    with position (x, y), heading psi (the yaw) and speed s, negative for driving backwards.
+    with position (x, y), heading psi (the yaw) and speed s, negative for driving backwards. The
+    base drives along the x axis of the root link, whatever the machine's front is: tracks along
+    another axis need a URDF whose root has x forward (REP-103). The root's origin may be anywhere;
+    position and path are those of the point of the support plane on its z axis.
 
     Attributes:
         start: Pose x, y, yaw at the start, shape (3,) [m, m, rad]. On a Slope, x and y lie in its
