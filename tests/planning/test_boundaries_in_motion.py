@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from benchmarks.problems.paper import PAPER_GOAL, PAPER_START, paper_scene
 from benchmarks.problems.scene import NamedProblem
 from tests.planning.conftest import planned_paper_1, planned_random
 from tests.problems import double_integrator, slider
+from zmp_sqp.scenario import load_scenario
 
 SAFE = 1e-6
 EXACT = 1e-9
@@ -141,3 +143,18 @@ def test_the_rest_of_a_plan_is_not_missed_from_within_it(seed: int) -> None:
     assert again.success, again.message
     assert again.duration <= (1.0 + 4e-4) * (old.duration - at)
     assert again.status is zs.Status.FASTEST_POSSIBLE
+
+
+@pytest.mark.parametrize("share", [0.5, 0.7, 0.85, 0.95])
+def test_an_excavator_that_lowers_its_load_finds_the_rest_of_its_motion(share: float) -> None:
+    problem = load_scenario("excavator_lower").problem
+    old = planned_scenario("excavator_lower").trajectory
+    q, v, _ = old(share * old.duration)
+    again = zs.plan(replace(problem, start=q, start_velocity=v))
+    assert again.success, again.message
+    assert again.duration <= (1.0 + 4e-4) * (1.0 - share) * old.duration
+
+
+@cache
+def planned_scenario(name: str) -> zs.Plan:
+    return zs.plan(load_scenario(name).problem)
