@@ -74,7 +74,8 @@ def add_json_option(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--json",
         metavar="FILE",
-        help="file for the results; - prints them, and nothing else, on standard output",
+        help="file for the results; - prints them on standard output, and all else on standard "
+        "error",
     )
 
 

@@ -9,7 +9,7 @@ INTERRUPTED, BROKEN_PIPE = 130, 141  # 128 + SIGINT, 128 + SIGPIPE, as shells re
 EXIT_CODES = """\
 exit codes:
   0  done, and the motion is safe
-  1  no motion was found, or it is unsafe; the diagnosis is printed
+  1  no motion was found, or the motion is unsafe; a message says why
   2  bad input, or a start or goal at which the machine tips over, misses the margin or breaks a
      limit at rest; one sentence on standard error says which
 """

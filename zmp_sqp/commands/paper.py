@@ -34,8 +34,8 @@ PIPE_WIDTH = 170  # columns of the widest table
 STEPS = len(TESTS) + 2  # of the progress bar without the ladder: tests, driving base, slews
 DESCRIPTION = """\
 Plan both tests of Song & Sharf 2020 with every planner and with variants that correct misprints,
-the base's motion under eq. (21), the analytic slew, and a ladder of growing payloads and reaches.
-Print tables, write figures.
+the base's motion under eq. (21), the analytic slew, and a "ladder": slews with ever heavier
+payloads at three reaches. Print tables; with --out write tables and figures.
 """
 EXAMPLES = """\
 examples:
@@ -88,7 +88,7 @@ def add_paper(commands: Any) -> None:
         type=_count,
         default=5,
         metavar="K",
-        help="number of plans of which times are the median (default: 5)",
+        help="plans of each test; times are their median (default: 5)",
     )
     command.add_argument(
         "--no-ladder", dest="ladder", action="store_false", help="leave out the ladder"

@@ -41,7 +41,8 @@ __all__ = ["PLAN_FILES", "add_plan", "run_plan"]
 PLAN_FILES = ("plan.json", "trajectory.csv", "trajectory.json", "zmp.png", "joints.png")
 PLANNERS = {"full": "full model"}  # names of models in figures, where they differ
 DESCRIPTION = """\
-Plan the fastest safe motion of a scenario, print a summary, and write trajectory and figures.
+Plan the fastest motion of a scenario that is proven not to tip the machine over, and print its
+duration, margins, and what the verdict rests on. With --out write trajectory and figures.
 """
 EXAMPLES = """\
 examples:
@@ -51,8 +52,8 @@ examples:
   zmp-sqp plan paper_1 --export swing.yaml    for a ROS 2 joint_trajectory_controller
 """
 SCENARIO_KEYS = """\
-keys of scenario files (TOML): SI units; angles in degrees where a key ends in _deg, else in
-radians; paths are relative to the file:
+keys of scenario files (TOML); SI units; angles are in degrees where the key ends in _deg, otherwise
+in radians; paths are relative to the scenario file:
   title               one line
   [machine]           name (of a shipped machine) or urdf (file); point_masses (true drops
                       rotational inertias); joint_limits (file), limits (table: position_lower,
@@ -60,21 +61,23 @@ radians; paths are relative to the file:
                       height) or contact_links
   [machine.payload]   mass [kg], frame (name of a link), com [m] in that frame,
                       inertia [kg m^2] about com, 3 x 3 (default: a point mass)
-  [ground]            roll_deg (negative leans left), pitch_deg (positive is nose down)
+  [ground]            roll_deg (negative leans the machine to its left), pitch_deg (positive is
+                      nose down); level ground if left out
   [ground.heightmap]  in place of roll and pitch: file (CSV or NPY), resolution [m], origin [m]
   [motion]            start, goal, start_velocity, goal_velocity: one number per joint;
                       or start_deg, goal_deg, ... in degrees
-  [base]              start, goal: x, y, yaw [m, m, rad]; max_speed, max_acceleration, max_yaw_rate,
-                      max_yaw_acceleration; start_velocity, goal_velocity: speed, yaw rate;
-                      x_bounds, y_bounds [m]
-  [plan]              model (full or simplified), intervals, margin [m], qp_solver;
-                      uncertainties, under all of which the motion stays safe:
+  [base]              a base that drives; start, goal: x, y, yaw [m, m, rad]; max_speed,
+                      max_acceleration, max_yaw_rate, max_yaw_acceleration; start_velocity,
+                      goal_velocity: speed, yaw rate; x_bounds, y_bounds [m]
+  [plan]              model (full or simplified), intervals, qp_solver,
+                      margin [m] (distance that the ZMP keeps from every edge);
+                      uncertainties, under all of which the motion is proven safe:
                       tipping_fraction (payload divided by this share; ISO 10567: 0.75),
                       payload_uncertainty (share of the payload's mass and inertia: 0.1 is 10 %),
                       payload_com_uncertainty [m] (one number, or one per axis of its frame),
                       slope_uncertainty_deg (error of the direction of gravity)
-  [[constraints]]     what the motion keeps beside tip-over and joint limits, one table each:
-                      type (a known constraint), and that constraint's keys
+  [[constraints]]     what the motion keeps beside the margin and the joint limits, one table for
+                      each constraint: type (one of the known constraints below), and its keys
 """
 
 
@@ -116,13 +119,14 @@ def _add_planning_options(command: argparse.ArgumentParser) -> None:
         "--margin",
         type=float,
         metavar="M",
-        help="[m] least distance from the ZMP to every edge (default: the scenario's)",
+        help="[m] distance that the ZMP keeps from every edge (default: the scenario's)",
     )
     command.add_argument(
         "--no-diagnosis",
         dest="diagnosis",
         action="store_false",
-        help="if no motion is found, do not search for a payload or slope for which there is one",
+        help="if no motion is found, do not look for a lighter payload or a gentler slope with "
+        "which there is one",
     )
 
 

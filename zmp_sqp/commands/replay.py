@@ -49,10 +49,10 @@ SIMULATED = (
     "feet at the corners of the support polygon that do not slip; time step {:g} s"
 )
 DESCRIPTION = """\
-In MuJoCo the machine stands free on the ground, under contact and friction, and follows the motion:
-that of a file (any that `zmp-sqp check` takes); or, for a scenario, the planned motion and beside
-it the phase-plane baseline, which ignores the ZMP. The base has to stand: plans whose base drives
-cannot be replayed.
+Simulate a motion in MuJoCo, where the machine stands freely on the ground and may tip over. Given a
+file (any that `zmp-sqp check` takes), its motion is simulated; given a scenario, the planned motion
+and, beside it, the phase-plane baseline, which ignores the ZMP. The base has to stand: plans whose
+base drives cannot be replayed.
 """
 EXAMPLES = """\
 examples:
@@ -115,7 +115,9 @@ def add_replay(commands: Any, shipped: str) -> None:
     add_out_option(command, REPLAY_FILES)
     add_json_option(command)
     command.add_argument(
-        "--video", action="store_true", help=f"write {REPLAY_FILES[-1]} too; it takes a while"
+        "--video",
+        action="store_true",
+        help=f"also write the animation {REPLAY_FILES[-1]}, which takes a while",
     )
     command.add_argument(
         "--no-pictures", dest="pictures", action="store_false", help="draw nothing"
@@ -124,20 +126,22 @@ def add_replay(commands: Any, shipped: str) -> None:
 
 def _add_motion_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
-        "--scenario", metavar="SCENARIO", help="scenario that gives a motion machine and ground"
+        "--scenario",
+        metavar="SCENARIO",
+        help="scenario that gives machine, payload and ground for the motion of a file",
     )
     command.add_argument(
         "--margin",
         type=float,
         metavar="M",
-        help="[m] least distance from the ZMP to every edge (default: the scenario's)",
+        help="[m] distance that the planned ZMP keeps from every edge (default: the scenario's)",
     )
     command.add_argument(
         "--time-step",
         type=float,
         default=1e-3,
         metavar="S",
-        help="[s] step of the physics engine (default: 0.001)",
+        help="[s] time step of the simulation (default: 0.001)",
     )
 
 

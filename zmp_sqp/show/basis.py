@@ -26,9 +26,9 @@ __all__ = [
 ]
 
 BASIS_KEYS = """\
-  rests_on                  what the verdict rests on, in words: machine, ground, payload, margin,
-                            uncertainties, looked_at, not_looked_at, exact, motion (lists but for
-                            the first four)
+  rests_on                  what the verdict rests on, in words: machine, ground, payload, margin
+                            [m]; lists: uncertainties, looked_at, not_looked_at, exact (taken as
+                            exact), motion (how it follows from a file)
 """
 TIP_OVER = ("tip-over (ZMP)", "contact with the ground")
 KINDS = {

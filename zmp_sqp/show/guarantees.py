@@ -19,13 +19,13 @@ __all__ = ["GUARANTEE_KEYS", "guarantee_fields", "guarantee_table"]
 
 GUARANTEE_KEYS = """\
   guarantees                list, one entry per constraint (base: several):
-    name, label, corner     constraint; its row with the least room; payload and slope for
-                            which it is least, or empty
-    value, unit             room that is guaranteed: not negative where the constraint holds;
-                            null if nothing is
+    name, label             constraint, and that of its rows which has the least room; room is the
+                            distance to the limit, negative beyond it
+    corner                  payload and slope for which the room is least; empty if exact
+    value, unit             room that is guaranteed; null if none is
     required                room that was asked for
-    time                    [s] when the sampled room is least
-    proven                  true: for all t; false: at 2000 samples a second only
+    time                    [s] at which the sampled room is least
+    proven                  true: at all times; false: only at 2000 samples per second
 """
 ARRIVALS = ("start ", "goal ")  # labels of the base that say whether it starts and ends as asked
 

@@ -19,23 +19,24 @@ __all__ = ["RESULT_KEYS", "make_result", "margin_fields", "plan_fields"]
 RESULT_KEYS = f"""\
 --json writes one object; SI units, null where there is no value:
   scenario, title           name and title of the scenario
-  success, status, message  whether a motion was found; if not, why
-  duration, lower_bound     [s] no motion within the joint limits is faster than the bound
+  success, status, message  whether a motion was found, and how planning ended
+  duration                  [s] of the motion
+  lower_bound               [s] no motion within the joint limits takes less time
   margin                    [m] guaranteed least distance from the ZMP to an edge, under all
                             uncertainties; negative outside
   iterations                number of SQP iterations
   qp_solver                 name of the QP solver, as given
-  runs                      of the search: purpose, intervals, backend, iterations, status,
-                            duration [s]
-  nominal_margin            [m] the same with payload and slope exactly as given
+  runs                      list, one entry per run of the search: purpose, intervals, backend (QP
+                            solver), iterations, status, duration [s]
+  nominal_margin            [m] guaranteed distance with payload and slope exactly as given
   margin_asked              [m] margin that the scenario asks for
   corner                    payload and slope for which the margin is least, or empty
 {GUARANTEE_KEYS}  solve_time                [s] planning time
   phase_plane               duration, margin and nominal_margin of the phase-plane baseline, which
                             ignores the ZMP; null if start or goal is in motion, or if the base
                             drives; its margins are null if it lifts off
-  diagnosis                 if no motion was found: largest_payload [kg], steepest_slope [rad]
-                            for which one exists; else null
+  diagnosis                 if no motion was found: largest_payload [kg] and steepest_slope [rad]
+                            with which one was found instead; otherwise null
   joints                    by name: peak_rate, rate_limit, peak_acceleration, acceleration_limit
 {BASIS_KEYS}  versions                  of zmp-sqp, Python and the packages used
 """
