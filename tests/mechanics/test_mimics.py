@@ -24,6 +24,7 @@ from zmp_sqp.mechanics.urdf.loader import _urdf_limits
 from zmp_sqp.mechanics.urdf.mimics import Mimics
 from zmp_sqp.mechanics.wrench import effort_derivatives, efforts
 from zmp_sqp.planning.closed_forms.slew_circle import slew_insight
+from zmp_sqp.show.inspection_tables import tree_lines
 
 Array = np.ndarray
 EVERY = sorted(MACHINES)
@@ -279,6 +280,18 @@ def test_derivatives_are_those_of_differences(name: str, joints: bool) -> None:
         ours = np.hstack(parts)
         np.testing.assert_allclose(ours, expected, rtol=1e-6, atol=1e-4 * np.abs(expected).max())
         np.testing.assert_array_equal(found.wrt_velocity[k, :, 6:], found.wrt_rate[k])
+
+
+def test_mimics_are_named() -> None:
+    machine = coupled("linkage").machine
+    assert machine.mimics["drum"] == ("slew", -3.0, 0.4)
+    assert machine.mimics_of("boom") == ("head", "rod", "weight")
+    assert machine.mimics_of("extend") == ("a_extend",)
+    assert coupled("linkage").free.mimics == {}
+    lines = "\n".join(tree_lines(zs.inspect(machine)))
+    assert "drum (turns, -3 x slew + 0.4)" in lines
+    assert "weight (turns, 0.5 x boom - 0.1)" in lines
+    assert "rod (turns, 1 x boom)" in lines
 
 
 def test_a_slew_that_another_joint_mimics_has_no_circle() -> None:

@@ -110,12 +110,25 @@ class Machine:
         """Whether each planned joint is continuous (turns without limits), shape (n,)."""
         return tuple(int(row) in self.coupling.continuous for row in self.coupling.own)
 
+    @property
+    def mimics(self) -> dict[str, tuple[str, float, float]]:
+        """Planned joint, multiplier and offset of each joint that follows one, by its name."""
+        coupling, names = self.coupling, list(self.model.names)[2:]
+        own = set(coupling.own.tolist())
+        return {
+            names[row]: (
+                self.joint_names[coupling.leader[row]],
+                float(coupling.multiplier[row]),
+                float(coupling.offset[row]),
+            )
+            for row in range(len(names))
+            if row not in own
+        }
+
     def mimics_of(self, joint: str) -> tuple[str, ...]:
-        """Names of the joints that follow a planned joint, which they mimic."""
-        column = self.joint_names.index(joint)
-        rows = np.flatnonzero(self.coupling.G[:, column]).tolist()
-        names = list(self.model.names)[2:]
-        return tuple(names[row] for row in rows if row != self.coupling.own[column])
+        """Names of the joints that move with a planned joint, which they mimic."""
+        every = self.mimics.items()
+        return tuple(name for name, (leader, by, _) in every if leader == joint and by != 0.0)
 
     @property
     def joint_units(self) -> tuple[str, ...]:

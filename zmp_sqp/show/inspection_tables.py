@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -35,7 +36,8 @@ value:
   machine, file    name of the robot, path of the URDF
   mass             [kg] in all
   links            from the root outwards: name, mass [kg], depth, parent, joint, motion (root,
-                   payload, fixed, turns or slides), planned
+                   payload, fixed, turns or slides), planned, mimics (planned joint that the
+                   joint follows, or empty)
   joints           planned joints by name: unit, position_lower, position_upper, velocity,
                    acceleration, effort (null: missing, or no limit for positions; see missing)
   held             value of each joint that is held [rad or m]
@@ -59,7 +61,7 @@ def tree_lines(found: Inspection) -> list[str]:
     held = held_joints(found.machine)
     rows = [("link", "mass [kg]", "hangs on joint")]
     for link in found.links:
-        motion = _motion(link, held)
+        motion = _motion(link, held, found.machine.mimics)
         joint = f"{link.joint} ({motion})" if link.joint else motion
         rows.append((INDENT * link.depth + link.name, _mass(link.mass), joint))
     return aligned(rows, left=(0, 2))
@@ -140,6 +142,7 @@ def inspection_fields(found: Inspection) -> dict[str, Any]:
                 "joint": link.joint,
                 "motion": link.motion,
                 "planned": link.planned,
+                "mimics": machine.mimics.get(link.joint, ("",))[0],
             }
             for link in found.links
         ],
@@ -187,11 +190,15 @@ def _load_fields(found: Inspection, load: TippingLoad | None) -> dict[str, Any] 
     return {"mass": _number(load.mass), "edge": edge, "coordinate": _number(load.coordinate)}
 
 
-def _motion(link: Link, held: dict[str, float]) -> str:
+def _motion(link: Link, held: dict[str, float], mimics: Mapping[str, Any]) -> str:
     if link.joint in held:
         return f"{link.motion}, held at {held[link.joint]:.4g}"
     if link.motion in ("root", "payload", "fixed"):
         return "" if link.motion == "root" else link.motion
+    if link.joint in mimics:
+        leader, multiplier, offset = mimics[link.joint]
+        shift = f" {'-+'[offset > 0.0]} {abs(offset):.4g}" if offset else ""
+        return f"{link.motion}, {multiplier:.4g} x {leader}{shift}"
     return f"{link.motion}, planned" if link.planned else link.motion
 
 
