@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -11,6 +12,7 @@ import pytest
 
 import zmp_sqp as zs
 from tests.mimics import MACHINES, Coupled, coupled
+from tests.planning.conftest import pose
 from tests.planning.test_certificate import integrated, is_below
 from zmp_sqp.mechanics.uncertainty import corners
 from zmp_sqp.mechanics.wrench import efforts
@@ -262,3 +264,46 @@ def test_a_plan_stands_in_the_physics_engine(name: str) -> None:
     np.testing.assert_allclose(same.zmp, stands.zmp, atol=1e-6)
     blind = zs.phase_plane(pair.machine, plan.problem.start, plan.problem.goal)
     assert zs.replay(pair.machine, blind, SLOPE).least_edge_load == 0.0
+
+
+def test_the_simplified_model_carries_mimic_joints_along(tmp_path: Path) -> None:
+    """A cylinder on the feller-buncher's cabin swings half as far as the boom."""
+    source = zs.shipped_machines()["feller_buncher"]
+    inertia = '<inertia ixx="9" iyy="9" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    cylinder = (
+        '<link name="cylinder"><inertial><origin xyz="0 0.3 1.5"/><mass value="800"/>'
+        f'{inertia}</inertial></link><joint name="cylinder" type="revolute"><parent link="slew"/>'
+        '<child link="cylinder"/><origin xyz="0.5 0 1"/><axis xyz="0 -1 0"/>'
+        '<mimic joint="boom" multiplier="0.5"/></joint></robot>'
+    )
+    path = tmp_path / "feller_buncher.urdf"
+    path.write_text(source.read_text().replace("</robot>", cylinder))
+    limits = source.with_name("feller_buncher.joint_limits.yaml")
+    machine, plain = zs.load_machine(path, limits=limits), zs.load_machine(source)
+    assert machine.joint_names == plain.joint_names
+    assert machine.mass == pytest.approx(plain.mass + 800.0)
+    ends = pose(0.0, -0.9), pose(2.0, -0.5)
+    plan = zs.plan(zs.Problem(machine, *ends, ground=SLOPE, model="simplified", intervals=20))
+    assert plan.success, plan.message
+    # the cylinder alone, by hand: its wrench is what the two machines differ by
+    trajectory = plan.trajectory
+    t = np.linspace(0.0, plan.duration, 7)[1:-1]
+    root = {"root_acceleration": np.append(-SLOPE.gravity(), np.zeros(3)), "joints": False}
+    difference = efforts(machine, *trajectory(t), **root) - efforts(plain, *trajectory(t), **root)
+
+    def centre(times: Array) -> Array:
+        slew, boom = trajectory(times)[0][:, :2].T
+        lean = -0.5 * boom  # positive forwards
+        local = np.array([0.5 + 1.5 * np.sin(lean), 0.3 + 0.0 * lean, 1.0 + 1.5 * np.cos(lean)])
+        x, y, z = local
+        cos, sin = np.cos(slew), np.sin(slew)
+        height = plain.model.jointPlacements[2].translation[2]
+        return np.column_stack([cos * x - sin * y, sin * x + cos * y, z + height])
+
+    h = 1e-4
+    acceleration = (centre(t + h) - 2.0 * centre(t) + centre(t - h)) / h**2
+    np.testing.assert_allclose(
+        difference[:, :3], 800.0 * (acceleration - SLOPE.gravity()), atol=0.05
+    )
+    with pytest.raises(zs.ProblemError, match=r"is not A - B sin\(boom angle\)"):
+        zs.plan(replace(plan.problem, distance_limits=zs.DistanceLimits(1.0, 1.0)))
