@@ -3,6 +3,7 @@
 The road of the data runs one way: URDF -> Machine -> Problem -> QPs -> Trajectory -> Plan.
 """
 
+from zmp_sqp.charts import LoadChart, SwingChart, load_chart, swing_chart
 from zmp_sqp.errors import (
     ContactLost,
     MachineError,
@@ -77,6 +78,7 @@ __all__ = [
     "Heightmap",
     "Inspection",
     "JointLimits",
+    "LoadChart",
     "Machine",
     "MachineError",
     "MachineWarning",
@@ -96,6 +98,7 @@ __all__ = [
     "StabilityMeasures",
     "Status",
     "SupportPolygon",
+    "SwingChart",
     "Trajectory",
     "TrajectoryError",
     "UnboundedAcceleration",
@@ -108,6 +111,7 @@ __all__ = [
     "diagnose",
     "export_motion",
     "inspect",
+    "load_chart",
     "load_machine",
     "moving_base_zmp",
     "phase_plane",
@@ -119,6 +123,7 @@ __all__ = [
     "slew_insight",
     "stability_margin",
     "stability_measures",
+    "swing_chart",
     "table",
     "trajectory_zmp",
     "zmp",

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from typing import TextIO
 
 from zmp_sqp import __version__
+from zmp_sqp.commands.chart import add_chart
 from zmp_sqp.commands.check import add_check
 from zmp_sqp.commands.exit_codes import BAD_INPUT, BROKEN_PIPE, EXIT_CODES, INTERRUPTED
 from zmp_sqp.commands.inspect import add_inspect
@@ -100,6 +101,7 @@ def _parser() -> argparse.ArgumentParser:
     add_plan(commands, shipped)
     add_paper(commands)
     add_check(commands)
+    add_chart(commands, shipped)
     add_replay(commands, shipped)
     add_inspect(commands)
     return parser

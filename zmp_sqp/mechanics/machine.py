@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -209,6 +209,39 @@ class Machine:
     def payload_count(self) -> int:
         """Number of payloads with a mass above zero."""
         return len(_payloads(self.model))
+
+    @property
+    def payloads(self) -> tuple[Payload, ...]:
+        """The payloads with a mass above zero, in the order in which they were attached."""
+        return tuple(
+            Payload(
+                frame.inertia.mass,
+                np.array(frame.inertia.lever),
+                self.model.frames[frame.parentFrame].name,
+                np.array(frame.inertia.inertia),
+            )
+            for frame in _payloads(self.model)
+        )
+
+    def with_massless(self, links: Collection[str]) -> Machine:
+        """Copy of this machine in which some links weigh nothing.
+
+        Raises:
+            MachineError: An unknown link; the message lists the known ones.
+        """
+        model = self.model.copy()
+        bodies = [frame for frame in model.frames if frame.type == pin.FrameType.BODY]
+        if unknown := sorted(set(links) - {frame.name for frame in bodies}):
+            raise MachineError(
+                f"there is no link {unknown[0]!r}; links are "
+                f"{', '.join(frame.name for frame in bodies)}"
+            )
+        for frame in bodies:
+            if frame.name in links:
+                frame.inertia = pin.Inertia.Zero()
+        for joint in {frame.parentJoint for frame in bodies if frame.name in links}:
+            model.inertias[joint] = _sum_of_frames(model, joint)
+        return replace(self, model=model)
 
     def with_limits(self, *, velocity: Any = None, acceleration: Any = None) -> Machine:
         """Copy of this machine with other velocity or acceleration limits.
