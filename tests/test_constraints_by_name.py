@@ -188,8 +188,8 @@ def test_check_names_the_broken_constraint_by_how_much_and_when(
     [
         ("rate_limit", "--constraint: limit: missing; it must be a finite number"),
         ("rate_limt:limit=1", "--constraint: there is no constraint 'rate_limt' (did you mean"),
-        ("rate_limit:limit=fast", "come a colon and key=value,key=value"),
-        ("rate_limit:limit=1,limit=2", "come a colon and key=value,key=value"),
+        ("rate_limit:limit=fast", "give a constraint as NAME or NAME:key=value,key=value"),
+        ("rate_limit:limit=1,limit=2", "give a constraint as NAME or NAME:key=value,key=value"),
         ("rate_limit:limit=1}\nb={", "more than one line"),
         ("rate_limit:limit=-1", "--constraint: rate_limit: limit must be positive, not -1"),
         ("", "--constraint: there is no constraint ''"),

@@ -103,6 +103,7 @@ def write(path: Path, text: str) -> Path:
     return path
 
 
+@pytest.mark.filterwarnings("ignore::zmp_sqp.MachineWarning")
 @pytest.mark.parametrize("name", ["feller_buncher", "slider"])
 def test_urdfs(name: str, tmp_path: Path) -> None:
     good = (ROOT / "urdf" / f"{name}.urdf").read_text(encoding="utf-8")

@@ -170,7 +170,7 @@ def test_the_bound_on_a_round_hill_is_its_sag(feller_buncher: Machine) -> None:
     hill, top = Heightmap(heights, RESOLUTION, MAP_ORIGIN), np.array([[12.0, 12.0, 0.7]])
     sag = 0.5 * bend * np.max(np.sum(feller_buncher.support.vertices**2, axis=1))
     hill.check_followable(feller_buncher.support, top, clearance=sag + 1e-6)
-    with pytest.raises(ProblemError, match=r"radius of curvature of 50\.00 m"):
+    with pytest.raises(ProblemError, match=r"curves with a radius of 50\.00 m"):
         hill.check_followable(feller_buncher.support, top, clearance=sag - 1e-6)
 
 

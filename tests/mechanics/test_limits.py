@@ -68,7 +68,7 @@ def test_limits_can_be_given_for_all_each_or_some(change: object, expected: list
         ({"velocity": True}, "velocity limit must be a number, not True"),
         (
             {"position_lower": {"slew": 2.0}},
-            "joint 'slew': lower position limit 2.0 and upper one 1.0",
+            "joint 'slew': no position lies between its lower limit, 2.0, and its upper limit, 1.0",
         ),
         ({"position_upper": {"boom": -np.inf}}, "joint 'boom'"),
         (3.0, "must be a mapping"),
@@ -157,7 +157,7 @@ def test_an_empty_file_changes_nothing(tmp_path: Path) -> None:
         ),
         (
             "joint_limits: {slew: {has_position_limits: true, min_position: 3, max_position: 2}}",
-            "3.0 and upper one 2.0",
+            "its lower limit, 3.0, and its upper limit, 2.0",
         ),
         (
             "default_velocity_scaling_factor: 2.0",

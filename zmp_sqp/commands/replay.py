@@ -225,7 +225,9 @@ def _motions(source: str, scenario: str | None, margin: float | None) -> _Motion
     path = Path(source)
     from_file = path.suffix.lower() in SUFFIXES
     if from_file and margin is not None:
-        raise TrajectoryError(f"{path} is a motion already: --margin is for planning")
+        raise TrajectoryError(
+            f"--margin is for planning, but {path} is a motion already: leave it out"
+        )
     if not from_file and scenario is not None:
         raise ScenarioError(
             f"--scenario says where the motion of a file belongs, but {source} is none: it does "
@@ -262,7 +264,7 @@ def _scenario_beside(path: Path) -> str:
         name = None
     if name not in shipped_scenarios():
         raise ScenarioError(
-            f"{path} says nothing of machine and ground: give its scenario by --scenario"
+            f"{path} does not say its machine and ground: give the scenario by --scenario"
         )
     return str(name)
 

@@ -194,8 +194,8 @@ def _check(values: Mapping[str, Array], joints: Sequence[str] | range) -> None:
     lower, upper = values["position_lower"], values["position_upper"]
     for i in np.flatnonzero((lower > upper) | (lower == np.inf) | (upper == -np.inf)).tolist():
         raise MachineError(
-            f"joint {joints[i]!r}: lower position limit {lower[i]} and upper one {upper[i]} "
-            "leave no room"
+            f"joint {joints[i]!r}: no position lies between its lower limit, {lower[i]}, and its "
+            f"upper limit, {upper[i]}"
         )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from zmp_sqp.arrays import Array
-from zmp_sqp.errors import MachineError
+from zmp_sqp.errors import GIVE_SUPPORT, MachineError
 from zmp_sqp.mechanics.ground import Ground
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.support import SupportPolygon
@@ -142,8 +142,7 @@ def _moments(
 def _supported(machine: Machine) -> SupportPolygon:
     if machine.support is None:
         raise MachineError(
-            f"machine {machine.name!r} has no support polygon: "
-            "give one by support=... or with_support"
+            f"machine {machine.name!r} has no support polygon: {GIVE_SUPPORT.arguments}"
         )
     return machine.support
 

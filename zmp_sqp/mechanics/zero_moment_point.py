@@ -44,7 +44,10 @@ def zmp(machine: Machine, q: Any, v: Any, a: Any, ground: Ground) -> Array:
             f"machine must be a Machine (see load_machine), not {type(machine).__name__}"
         )
     if isinstance(ground, type) or not isinstance(ground, Ground):
-        raise MachineError(f"ground must have a gravity(yaw) as Slope has, not {ground!r}")
+        raise MachineError(
+            "ground must be a Slope, a Heightmap, or an object with their method gravity(yaw), "
+            f"not {ground!r}"
+        )
     position = _samples(machine, q, "q")
     velocity, acceleration = _samples(machine, v, "v"), _samples(machine, a, "a")
     for name, other in (("v", velocity), ("a", acceleration)):

@@ -170,7 +170,8 @@ def trajectory_zmp(machine: Machine, trajectory: Trajectory, t: Any, ground: Gro
     """
     if trajectory.joint_names != machine.joint_names:
         raise ProblemError(
-            f"the trajectory moves {trajectory.joint_names}, the machine has {machine.joint_names}"
+            f"the trajectory moves the joints {', '.join(trajectory.joint_names)}; the machine has "
+            f"{', '.join(machine.joint_names)}"
         )
     trajectory = with_ground(trajectory, ground)
     height = 0.0 if machine.support is None else machine.support.height

@@ -123,7 +123,7 @@ class Trajectory:
                 raise TrajectoryError(
                     f"{name} do not follow from the accelerations: node {int(worst[0]) + 1}, joint "
                     f"{self.joint_names[worst[1]]!r} is off by {gap[worst]:.3g} "
-                    "(accelerations run linearly from node to node)"
+                    "(between nodes they change by the jerks that are given, and not without)"
                 )
 
     def locate(self, t: Array) -> tuple[Indices, Array]:

@@ -65,8 +65,8 @@ def constraint_table(text: str) -> dict[str, Any]:
             raise ValueError("more than one line")
     except ValueError as cause:
         raise ScenarioError(
-            f"{text!r}: after the name of a constraint come a colon and key=value,key=value, with "
-            f'numbers, "texts" and [lists] as in TOML: {cause}'
+            f"{text!r}: give a constraint as NAME or NAME:key=value,key=value, its values as in "
+            f'TOML (numbers, "texts", [lists]): {cause}'
         ) from None
     return {"type": name.strip(), **found["keys"]}
 

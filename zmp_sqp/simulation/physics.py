@@ -118,7 +118,7 @@ class _Settings:
         if soft > 0.0 and contact_time(soft) < 2.0 * h:
             raise ProblemError(
                 f"a sinkage of {soft:g} m is too little for a time_step of {h:g} s: "
-                "shorten the time_step, or give 0"
+                "give a shorter time_step, or a sinkage of 0, which is rigid ground"
             )
         return cls(h, rest, grip, soft)
 
@@ -263,14 +263,18 @@ def _check(machine: Machine, trajectory: Trajectory, ground: Ground) -> None:
     if not isinstance(trajectory, Trajectory):
         raise TrajectoryError(f"trajectory must be a Trajectory, not {type(trajectory).__name__}")
     if isinstance(ground, type) or not isinstance(ground, Ground):
-        raise ProblemError(f"ground must have a gravity(yaw) as Slope has, not {ground!r}")
+        raise ProblemError(
+            "ground must be a Slope, a Heightmap, or an object with their method gravity(yaw), "
+            f"not {ground!r}"
+        )
     if machine.support is None:
         raise MachineError(
             f"machine {machine.name!r} has no support polygon: {GIVE_SUPPORT.arguments}"
         )
     if trajectory.joint_names != machine.joint_names:
         raise ProblemError(
-            f"the trajectory moves {trajectory.joint_names}, the machine has {machine.joint_names}"
+            f"the trajectory moves the joints {', '.join(trajectory.joint_names)}; the machine has "
+            f"{', '.join(machine.joint_names)}"
         )
     if trajectory.base is not None:
         raise ProblemError("the trajectory's base drives; a replay needs one that stands")

@@ -93,7 +93,7 @@ class Heightmap:
             raise MachineError(
                 f"heights of up to {highest:.3g} m at a resolution of {resolution:.3g} m from the "
                 f"origin ({origin[0]:.3g}, {origin[1]:.3g}) m on are beyond what can be computed "
-                "with; all are in metres"
+                "with: give all of them in metres"
             )
         y, x = axes
         object.__setattr__(self, "heights", heights)
@@ -335,8 +335,8 @@ class Heightmap:
             far, at = float(np.linalg.norm(reach[worst[1]])), points[worst]
             raise ProblemError(
                 f"terrain is too rough for the tracks at (x, y) = ({at[0]:.2f}, {at[1]:.2f}) m, "
-                f"under the base at pose {worst[0]}: with a radius of curvature of "
-                f"{0.5 * far**2 / sag[worst]:.2f} m it leaves the plane of the tracks by up to "
+                f"under the base at pose {worst[0]}: it curves with a radius of "
+                f"{0.5 * far**2 / sag[worst]:.2f} m, and leaves the plane of the tracks by up to "
                 f"{sag[worst]:.3f} m within {far:.2f} m, {sag[worst] - clearance:.3f} m more than "
                 f"the clearance of {clearance} m"
             )

@@ -75,7 +75,7 @@ def read_description(content: bytes) -> UrdfDescription:
             if not name or name == "universe":
                 raise MachineError(
                     f"a {kind} is named {name!r}: every {kind} needs a name, and 'universe' is "
-                    "Pinocchio's"
+                    "reserved by Pinocchio"
                 )
             if name in names:
                 raise MachineError(f"{kind} {name!r} is there twice: names must be unique")
@@ -169,7 +169,9 @@ def _root(links: list[str], joints: Iterable[Joint]) -> str:
         while at in parents:
             at = parents[at]
             if at in seen:
-                raise MachineError(f"link {link!r} hangs on a loop of joints")
+                raise MachineError(
+                    f"link {link!r} hangs on a loop of joints, but a URDF must be a tree"
+                )
             seen.add(at)
     return roots[0]
 

@@ -73,7 +73,7 @@ def base_acceleration_bound(
         raise ProblemError(
             f"the arm's motion alone misses the margin of {margin:.3g} m from the "
             f"{support.edge_name(int(edge))} edge by {-room[row, edge]:.3f} m at "
-            f"{times[row]:.2f} s: plan it with that margin first"
+            f"{times[row]:.2f} s: plan the arm with that margin first"
         )
     ahead = support.normals[:, 0]
     front, rear = ahead > SIDEWAYS, ahead < -SIDEWAYS

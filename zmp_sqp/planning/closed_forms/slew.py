@@ -123,7 +123,7 @@ def _within_circle(
             break
     raise ProblemError(
         f"no slew keeps the ZMP within {wanted:.3f} m of the axis: "
-        "the bodies are too skew for one mass"
+        "the bodies that turn are spread out too much to count as one mass"
     )
 
 

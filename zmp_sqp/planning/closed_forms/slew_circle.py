@@ -170,9 +170,9 @@ def slew_insight(machine: Machine, pose: Any) -> SlewInsight:
     offset = stand.mass / total * float(np.linalg.norm(stand.lever[:2] - axis))
     if offset > ALIGNED:
         raise MachineError(
-            f"what stands has its centre of mass at ({stand.lever[0]:.6g}, {stand.lever[1]:.6g}) "
-            f"m, off the slew axis at ({axis[0]:.6g}, {axis[1]:.6g}) m: "
-            "the ZMP's circle is not centred on the axis"
+            "the part that does not turn has its centre of mass at "
+            f"({stand.lever[0]:.6g}, {stand.lever[1]:.6g}) m, off the slew axis at "
+            f"({axis[0]:.6g}, {axis[1]:.6g}) m: the ZMP's circle is not centred on the axis"
         )
     plane = 0.0 if machine.support is None else machine.support.height
     weighted = turn.mass * turn.lever[2] + stand.mass * stand.lever[2]
@@ -235,13 +235,14 @@ def _lumped_mass(turn: pin.Inertia, axis: Array, plane: float, total: float) -> 
     distance = float(np.linalg.norm(arm))
     if turn.mass * distance <= ALIGNED * total:
         raise MachineError(
-            "what turns has its centre of mass on the slew axis: the slew does not move the ZMP"
+            "the part that turns has its centre of mass on the slew axis, so that slewing does not "
+            "move the ZMP"
         )
     # integral of (r - p) z dm, by the parallel axis theorem
     product = turn.mass * arm * (turn.lever[2] - plane) - turn.inertia[:2, 2]
     height = float(product @ arm) / (turn.mass * distance**2)
     if height <= 0.0:
         raise MachineError(
-            f"what turns has its lumped mass {-height:.3g} m below the support plane"
+            f"the lumped mass of the part that turns is {-height:.3g} m below the support plane"
         )
     return distance, height

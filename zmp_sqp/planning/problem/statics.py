@@ -258,7 +258,7 @@ def check_constraints_at_rest(
                 if not np.isfinite(room[worst]):
                     raise ProblemError(f"{what} has no value {at_rest}")
                 short = amount_in_words(float(-room[worst]), rows.units[worst])
-                raise ProblemError(f"{what} is broken {at_rest}, by {short}")
+                raise ProblemError(f"{what} is violated by {short} {at_rest}")
 
 
 def _extreme(corner: Corner) -> str:

@@ -222,7 +222,9 @@ def certify_at(
     least_duration = joints_least_duration(first.machine, trajectory)
     if base is not None:
         if driven.base is None:
-            raise ProblemError("the trajectory has no base motion to hold to the limits of `base`")
+            raise ProblemError(
+                "`base` gives limits of a base that drives, but that of the trajectory stands"
+            )
         of_base = base_guarantees(base, driven.base)
         guarantees += of_base
         missed = any(not row.kept and " " in row.label for row in of_base)

@@ -23,14 +23,18 @@ def check_arguments(machine: Machine, trajectory: Trajectory, ground: Ground) ->
     if not isinstance(trajectory, Trajectory):
         raise TrajectoryError(f"trajectory must be a Trajectory, not {type(trajectory).__name__}")
     if not isinstance(ground, Ground):
-        raise ProblemError(f"ground must have a gravity(yaw) as Slope has, not {ground!r}")
+        raise ProblemError(
+            "ground must be a Slope, a Heightmap, or an object with their method gravity(yaw), "
+            f"not {ground!r}"
+        )
     if machine.support is None:
         raise MachineError(
             f"machine {machine.name!r} has no support polygon: {GIVE_SUPPORT.arguments}"
         )
     if trajectory.joint_names != machine.joint_names:
         raise ProblemError(
-            f"the trajectory moves {trajectory.joint_names}, the machine has {machine.joint_names}"
+            f"the trajectory moves the joints {', '.join(trajectory.joint_names)}; the machine has "
+            f"{', '.join(machine.joint_names)}"
         )
 
 

@@ -33,7 +33,7 @@ def fault_of(guarantee: Guarantee) -> str:
     what = name_in_words(guarantee)
     corner = f" with {guarantee.corner}" if guarantee.corner else ""
     if not np.isfinite(guarantee.value):
-        return f"may break {what} by any amount: nothing is proven of it near {at}{corner}"
+        return f"is not proven to keep {what} at all: no bound is known near {at}{corner}"
     short = amount_in_words(guarantee.shortfall, guarantee.unit)
     return f"breaks {what} by {short} at {at}{corner}"
 
@@ -64,15 +64,16 @@ def _base_fault(guarantee: Guarantee) -> str:
         if np.isfinite(off):
             return f"takes the base {off:.3g} m out of its {where}"
         return (
-            f"may take the base out of its {where}: its path is not known well enough there, "
-            "give more nodes"
+            f"may take the base out of its {where}, where its path is not known well enough: give "
+            "more nodes"
         )
     if not what:
         return f"exceeds the base's {guarantee.label} by {off:.3g} {guarantee.unit}"
     verb = {"start": "begins", "goal": "ends"}[side]
-    allowed = f"of the base ({ARRIVAL:g} m and rad count as there)"
+    allowed = f"of the base ({ARRIVAL:g} m or rad are allowed)"
     if what == "position":
         return f"{verb} {ARRIVAL + off:.3g} m beside the {side} {allowed}"
     if what == "yaw":
         return f"{verb} turned by {ARRIVAL + off:.3g} rad against the {side} {allowed}"
-    return f"{verb} with other rates of the base than asked for: off by {off:.3g} m/s or rad/s"
+    rates = "rates of the base that differ from those asked for"
+    return f"{verb} with {rates} by {off:.3g} m/s or rad/s"
