@@ -84,6 +84,12 @@ LAYERS = {  # what a wing may import besides itself and the foundation
         "zmp_sqp.planning",
     ),
     "zmp_sqp.charts": ("zmp_sqp.mechanics", "zmp_sqp.motion", "zmp_sqp.planning"),
+    "zmp_sqp.control": (
+        "zmp_sqp.mechanics",
+        "zmp_sqp.motion",
+        "zmp_sqp.sqp",
+        "zmp_sqp.planning",
+    ),
     "zmp_sqp.simulation": ("zmp_sqp.mechanics", "zmp_sqp.motion", "zmp_sqp.planning"),
 }
 

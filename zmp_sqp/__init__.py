@@ -4,6 +4,7 @@ The road of the data runs one way: URDF -> Machine -> Problem -> QPs -> Trajecto
 """
 
 from zmp_sqp.charts import LoadChart, SwingChart, load_chart, swing_chart
+from zmp_sqp.control import Planner, plan_stop
 from zmp_sqp.errors import (
     ContactLost,
     MachineError,
@@ -87,6 +88,7 @@ __all__ = [
     "PathConstraint",
     "Payload",
     "Plan",
+    "Planner",
     "Problem",
     "ProblemError",
     "ProblemWarning",
@@ -117,6 +119,7 @@ __all__ = [
     "phase_plane",
     "plan",
     "plan_base",
+    "plan_stop",
     "read_motion",
     "replay",
     "shipped_machines",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,7 @@ from zmp_sqp.mechanics.limits import (
 )
 from zmp_sqp.mechanics.lumped_mass import FORM_TOLERANCE
 from zmp_sqp.mechanics.machine import Machine
+from zmp_sqp.mechanics.support import SupportPolygon
 from zmp_sqp.planning.constraints.tip_over import supported
 
 __all__ = [
@@ -152,11 +154,19 @@ def checked_margin(given: object, machine: Machine) -> float:
     margin = finite_number(given, name="margin", error=ProblemError)
     if margin < 0.0:
         raise ProblemError(f"margin must be at least 0 m, not {margin} m")
+    if not _leaves_room(support, margin):
+        raise ProblemError(f"margin {margin} m leaves nothing of the support polygon")
+    return margin
+
+
+@lru_cache(maxsize=64)
+def _leaves_room(support: SupportPolygon, margin: float) -> bool:
+    """Whether some point of a support polygon keeps a margin [m] from every edge."""
     try:
         support.inset(margin)
     except MachineError:
-        raise ProblemError(f"margin {margin} m leaves nothing of the support polygon") from None
-    return margin
+        return False
+    return True
 
 
 def checked_in_range(allowed: Range, given: object) -> float:

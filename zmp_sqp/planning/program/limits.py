@@ -28,10 +28,16 @@ class Boundary:
     """Coordinates q and rates v at the start or the goal, shape (n,) each.
 
     Positions in rad or m, rates in rad/s or m/s.
+
+    Attributes:
+        q: Coordinates; for free ones of the goal, any value.
+        v: Rates.
+        free: Whether the coordinates are free, which only those of the goal may be.
     """
 
     q: Array
     v: Array
+    free: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)

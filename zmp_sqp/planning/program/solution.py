@@ -28,7 +28,7 @@ def trajectory(problem: Problem, program: StagedProgram, point: Motion) -> Traje
     accelerations are therefore corrected until the exact path ends at the goal: the target of the
     Runge-Kutta path is moved by what the exact path misses the goal by.
     """
-    if program.drive is None:
+    if program.drive is None or program.goal.free:
         return _motion(problem, program, point, None)
     aim, previous = program.drive.goal, np.inf
     while True:

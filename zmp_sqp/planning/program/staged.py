@@ -154,7 +154,10 @@ class StagedProgram:
         self.rate_scale = np.minimum(rates, self.control_scale)
         positions = 0 if drive is None else 2
         scales = self.rate_scale, self.control_scale
-        self.stages = Stages(grid, self.n, positions, *scales, S)
+        # of a driving base, the position at the goal is given, and the path length follows
+        of_base = () if drive is None else (self.n - 2,)
+        free = tuple(range(self.n)) if goal.free else of_base
+        self.stages = Stages(grid, self.n, positions, *scales, S, free)
         # scaled boundary rates per square root of sigma
         self.first, self.last = (
             side.v * self.reference / self.rate_scale for side in (start, goal)
@@ -164,7 +167,9 @@ class StagedProgram:
         self.tie = REGULARIZATION / (grid.size * ENDS * self.n)
         self.nonlinear = grid.size * POINTS * rows.count
         self.inequalities = self.nonlinear + self.limits.count
-        self.equalities = 2 * grid.size if drive is not None else 0
+        # gaps of a base's position at the ends of the intervals; a free goal closes the last one
+        self.gaps = 0 if drive is None else grid.size - int(goal.free)
+        self.equalities = 2 * self.gaps
         self.size = self.stages.size
         per_row = np.tile(rows.tolerance, grid.size * POINTS)
         linear = np.full(self.limits.count, LINEAR_TOLERANCE)
@@ -187,9 +192,9 @@ class StagedProgram:
         wanted = np.vstack([self.goal.q - self.start.q - first, (self.goal.v - self.start.v) * T])
         missed = wanted - self.grid.sums @ unscaled
         change = self.grid.least_changes @ missed
-        if self.drive is not None:  # the path length at the goal is free
-            to_rate = self.grid.sums[1]
-            change[:, n - 2] = to_rate * (missed[1, n - 2] / (to_rate @ to_rate))
+        if self.stages.free:
+            free, to_rate = list(self.stages.free), self.grid.sums[1]
+            change[:, free] = np.outer(to_rate / (to_rate @ to_rate), missed[1, free])
         unscaled = (unscaled + change).reshape(N, ENDS, n)
         q, w = self.grid.rolled(self.start.q, first, unscaled)
         states, moves = [q, w / self.rate_scale], None
@@ -249,14 +254,13 @@ class StagedProgram:
     def linearize(self, point: Motion) -> Linearization:
         """Values and first derivatives of objective and constraints at a motion."""
         states, base_positions, displacements = self._samples(point)
-        N = self.grid.size
         expand = self._all_rows if self.rows.models is None else self._rows_on_demand
         values, C, by_ends = expand(states, base_positions, displacements, point.sigma)
         A = None
         if self.drive is not None and self._patterns.A is not None:
             by_stage = self.drive.end_derivatives(self.stages, displacements)
-            by_stage = self._folded(by_stage.copy(), point.sigma)
-            identity = np.full(2 * N, -STATE)
+            by_stage = self._folded(by_stage.copy(), point.sigma)[: self.gaps]
+            identity = np.full(self.equalities, -STATE)
             A = self._patterns.A.matrix(
                 self._patterns.A.data(np.concatenate([by_stage.ravel(), identity]))
             )
@@ -408,7 +412,8 @@ class StagedProgram:
         with np.errstate(invalid="ignore"):
             limits = self.limits.values(point.states, point.controls, point.sigma)
         missed = np.zeros(self.equalities)
-        if self.drive is not None:  # all gaps are closed; the goal may be missed
+        if self.drive is not None and not self.goal.free:
+            # all gaps are closed; the goal may be missed
             missed[-2:] = point.states[-1, self.stages.places] - self.drive.goal
         tie = 0.5 * self.tie * float(np.sum(point.controls**2))
         inequalities = np.concatenate([nonlinear.ravel(), limits])
@@ -502,7 +507,9 @@ class StagedProgram:
             point = memory.motion
             q, w, controls, _ = self.unpack(point)
             p = point.states[:, stages.places]
-            H += self.drive.curvature(stages, p, q, w, controls, y.reshape(N, 2))
+            of_gaps = np.zeros((N, 2))
+            of_gaps[: self.gaps] = y.reshape(-1, 2)
+            H += self.drive.curvature(stages, p, q, w, controls, of_gaps)
             active = np.arange(N)
         if len(active):
             H[active] = clipped(H[active], share)
@@ -541,6 +548,7 @@ class StagedProgram:
             self.n,
             self._rows_in_pattern,
             self.stages.positions,
+            self.stages.free,
             limits.moving,
             tuple(limits.upper.tolist()),
             tuple(limits.lower.tolist()),
@@ -580,12 +588,13 @@ def _patterns_of(key: _Key) -> _Patterns:
     C = Pattern(*_entry_indices(groups), (N * count + program.limits.count, size))
     if program.drive is None:
         return _Patterns(H, C, None)
-    row = np.arange(2 * N).reshape(N, 2)
-    after = stages.columns[1:, stages.places]
+    gaps = program.gaps
+    row = np.arange(2 * gaps).reshape(gaps, 2)
+    after = stages.columns[1 : gaps + 1, stages.places]
     A = Pattern(
         np.concatenate([np.repeat(row, m, axis=1).ravel(), row.ravel()]),
-        np.concatenate([np.repeat(columns, 2, axis=0).ravel(), after.ravel()]),
-        (2 * N, size),
+        np.concatenate([np.repeat(columns[:gaps], 2, axis=0).ravel(), after.ravel()]),
+        (2 * gaps, size),
     )
     return _Patterns(H, C, A)
 

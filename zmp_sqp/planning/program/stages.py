@@ -7,7 +7,7 @@ an interval, so that positions are cubic: u_k follows from x_k and x_{k+1} by He
 The quadratic programs need neither the accelerations as variables nor the equations of motion as
 equalities. Their variables are
 
-.. math:: (x_1, \dots, x_{N-1} [, \text{path length at the goal}], \sigma)
+.. math:: (x_1, \dots, x_{N-1} [, \text{free coordinates at the goal}], \sigma)
 
 with x scaled by `STATE`. The Hessian is a chain of blocks with an arrow to sigma:
 
@@ -55,6 +55,7 @@ class Stages:
         positions: Number of a driving base's positions in the state, 2 or 0.
         rate_scale, control_scale: Units of w and of accelerations T^2 a, shape (n,) each.
         S: Squared reference duration [s^2].
+        free: Indices of the coordinates that are free at the goal.
     """
 
     grid: Grid
@@ -63,6 +64,7 @@ class Stages:
     rate_scale: Array
     control_scale: Array
     S: float
+    free: tuple[int, ...] = ()
 
     @property
     def nx(self) -> int:
@@ -97,7 +99,7 @@ class Stages:
     @cached_property
     def size(self) -> int:
         """Number of variables of the quadratic programs."""
-        return (self.grid.size - 1) * self.nx + (1 if self.positions else 0) + 1
+        return (self.grid.size - 1) * self.nx + len(self.free) + 1
 
     @cached_property
     def columns(self) -> Indices:
@@ -105,8 +107,7 @@ class Stages:
         index = np.full((self.grid.size + 1, self.nx), -1)
         inner = np.arange((self.grid.size - 1) * self.nx)
         index[1:-1] = inner.reshape(self.grid.size - 1, self.nx)
-        if self.positions:  # the path length at the goal is free
-            index[-1, self.n - 2] = self.size - 2
+        index[-1, list(self.free)] = np.arange(self.size - 1 - len(self.free), self.size - 1)
         return index
 
     @cached_property

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -166,7 +166,7 @@ def certify(
     return certify_at((corner,), trajectory, margin, base=base, constraints=constraints)
 
 
-def certify_for(problem: Problem, trajectory: Trajectory) -> Certificate:
+def certify_for(problem: Problem, trajectory: Trajectory, *, anywhere: bool = False) -> Certificate:
     """Certificate of a motion for every payload and slope that a problem allows.
 
     The wrench is affine in the payload's mass and in gravity, so that rows which are kept at the
@@ -176,12 +176,16 @@ def certify_for(problem: Problem, trajectory: Trajectory) -> Certificate:
     Args:
         problem: Its margin, base, constraints and uncertainties are used, not its start and goal.
         trajectory: The motion.
+        anywhere: Whether a base that drives may end anywhere instead of at its goal.
     """
+    base = problem.base
+    if anywhere and base is not None and trajectory.base is not None:
+        base = replace(base, goal=trajectory.base.poses[-1], goal_velocity=None)
     return certify_at(
         problem.corners(every=True),
         trajectory,
         problem.margin,
-        base=problem.base,
+        base=base,
         constraints=problem.own_constraints,
         coordinates=problem.coordinates,
     )

@@ -26,6 +26,14 @@ class Status(enum.Enum):
         "Solved: the motion is safe, but it may not be the fastest; "
         "give more time, or try another QP solver."
     )
+    KEPT = (
+        "Kept: the rest of the last motion, which is safe; the time budget ended before a faster "
+        "motion to the goal was found."
+    )
+    STOP = (
+        "Stopping: no safe motion to the goal was found in time, so the machine comes to rest as "
+        "fast as it safely can; it does not reach the goal."
+    )
     INFEASIBLE = (
         "Not solved: the search ended at a motion that still tips the machine over or breaks "
         "another constraint; try a lighter payload, a gentler slope, a smaller margin, or a goal "
@@ -66,7 +74,13 @@ class Status(enum.Enum):
     @property
     def success(self) -> bool:
         """Whether a safe motion was found."""
-        return self in (Status.OPTIMAL, Status.FASTEST_POSSIBLE, Status.SAFE)
+        return self in (
+            Status.OPTIMAL,
+            Status.FASTEST_POSSIBLE,
+            Status.SAFE,
+            Status.KEPT,
+            Status.STOP,
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

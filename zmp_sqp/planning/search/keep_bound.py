@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
 import numpy as np
 
+from zmp_sqp.arrays import Array
 from zmp_sqp.planning.program.grid import Grid
 from zmp_sqp.planning.search.blind import BlindMotion, blind_motion
 from zmp_sqp.planning.search.guess import cubic_accelerations
@@ -29,28 +31,44 @@ SHORTEST_STEPS = ", shortest steps"  # what the record of its iteration adds to 
 LEAST_COARSE = 8  # fewest intervals of the coarse grid; with less the full grid is used
 
 
-def at_the_bound(task: Task, runs: Runs) -> Candidate | None:
+def at_the_bound(
+    task: Task, runs: Runs, guess: Callable[[Grid], Array] | None = None
+) -> Candidate | None:
     """Feasible motion at most 0.03 % slower than the lower bound; None if none is found quickly.
 
     First the bang-coast-bang motion itself is tried, then a few least-distance steps from it
     (`_probe`). If start or goal is in motion, further steps begin at a cubic, and at last exactly
     at the bound: the deciding coordinate may have just one motion, such as braking all the way, and
     the uniform grid of the search proper misses durations just above that.
+
+    Args:
+        task: The planning task.
+        runs: Runner of QPs, which keeps the records.
+        guess: Accelerations T^2 a at both ends of a grid's intervals, shape (N, 2, n), of a motion
+            from which the first steps begin; None for the bang-coast-bang motion.
     """
-    if (bang_bang := _bang_bang_at_bound(task)) is not None:
+    if guess is None and (bang_bang := _bang_bang_at_bound(task)) is not None:
         runs.record("bang-bang on the grid", bang_bang)
         return bang_bang
     from_rest = not (task.start.v.any() or task.goal.v.any())
-    for stretch, smooth in PROBES[:1] if from_rest else PROBES:
+    for number, (stretch, smooth) in enumerate(PROBES[:1] if from_rest else PROBES):
         if runs.is_late:
             break
-        found = _probe(task, runs, stretch, smooth=smooth)
+        first = guess if number == 0 else None
+        found = _probe(task, runs, stretch, smooth=smooth, guess=first)
         if found is not None:
             return found
     return None
 
 
-def _probe(task: Task, runs: Runs, stretch: float, *, smooth: bool) -> Candidate | None:
+def _probe(
+    task: Task,
+    runs: Runs,
+    stretch: float,
+    *,
+    smooth: bool,
+    guess: Callable[[Grid], Array] | None = None,
+) -> Candidate | None:
     """Feasible motion that is slower than the bound by a relative `stretch`, by a few short steps.
 
     The steps (`nearest_feasible`) are taken on a grid with nodes at the switching times of the
@@ -63,6 +81,7 @@ def _probe(task: Task, runs: Runs, stretch: float, *, smooth: bool) -> Candidate
         stretch: Relative increase of the duration over the lower bound.
         smooth: Whether to begin at the cubic through both boundary states, not at the
             bang-coast-bang motion.
+        guess: Accelerations of a motion to begin at instead, see `at_the_bound`.
     """
     motion = blind_motion(task, stretch)
     if motion is None:
@@ -71,11 +90,16 @@ def _probe(task: Task, runs: Runs, stretch: float, *, smooth: bool) -> Candidate
     halved = intervals % 2 == 0 and intervals >= 2 * LEAST_COARSE
     coarse = aligned_grid(motion, intervals // 2 if halved else intervals)
     program = task.program(motion.duration, coarse)
-    if smooth:
-        alpha = cubic_accelerations(task.start, task.goal, motion.duration, coarse)
+    if guess is not None:
+        controls = guess(coarse)
     else:
-        alpha = motion.duration**2 * motion.mean_accelerations(coarse.nodes * motion.duration)
-    point = program.pack(np.repeat(alpha[:, None], 2, axis=1), motion.duration**2)
+        alpha = (
+            cubic_accelerations(task.start, task.goal, motion.duration, coarse)
+            if smooth
+            else motion.duration**2 * motion.mean_accelerations(coarse.nodes * motion.duration)
+        )
+        controls = np.repeat(alpha[:, None], 2, axis=1)
+    point = program.pack(controls, motion.duration**2)
     found = nearest_feasible(program, point, runs.backend)
     record = _record(found, runs)
     runs.note(record)

@@ -19,10 +19,10 @@ from zmp_sqp.planning.search.prove import Proven, prove
 from zmp_sqp.planning.search.refine import refine
 from zmp_sqp.planning.search.run import Runs
 from zmp_sqp.planning.search.single_thread import one_blas_thread
-from zmp_sqp.planning.search.task import task_of
+from zmp_sqp.planning.search.task import Task, task_of
 from zmp_sqp.sqp.result import IterationRecord
 
-__all__ = ["plan"]
+__all__ = ["answer", "plan", "searched", "without_search"]
 
 
 @one_blas_thread()
@@ -65,16 +65,8 @@ def plan(
     _check(problem, time_budget)
     runs = Runs.start(qp_solver, time_budget, progress, announce)
     task = task_of(problem)
-    if task.lower_bound == 0.0:
-        proven = _already_there(problem)
-    elif (blind := certified_blind_motion(task)) is not None:
-        motion, checked = blind
-        proven = Proven(Status.FASTEST_POSSIBLE, checked, motion, motion.duration)
-    else:
-        found = explore(task, runs)
-        refined = refine(task, found, runs)
-        proven = prove(task, refined, runs)
-    return _answer(problem, qp_solver, task.lower_bound, proven, runs)
+    proven = without_search(task) or searched(task, runs)
+    return answer(problem, qp_solver, task.lower_bound, proven, runs)
 
 
 def _check(problem: Problem, time_budget: float | None) -> None:
@@ -84,6 +76,24 @@ def _check(problem: Problem, time_budget: float | None) -> None:
         finite_number(time_budget, name="time_budget", error=ProblemError) <= 0.0
     ):
         raise ProblemError(f"time_budget must be positive, not {time_budget} s")
+
+
+def without_search(task: Task) -> Proven | None:
+    """Fastest motion where it needs no search: nothing to do, or the blind motion is safe."""
+    if task.lower_bound == 0.0:
+        return _already_there(task.problem)
+    blind = certified_blind_motion(task)
+    if blind is None:
+        return None
+    motion, checked = blind
+    return Proven(Status.FASTEST_POSSIBLE, checked, motion, motion.duration)
+
+
+def searched(task: Task, runs: Runs) -> Proven:
+    """Fastest motion that the three steps of the search find, or their last motion."""
+    found = explore(task, runs)
+    refined = refine(task, found, runs)
+    return prove(task, refined, runs)
 
 
 def _already_there(problem: Problem) -> Proven:
@@ -97,9 +107,10 @@ def _already_there(problem: Problem) -> Proven:
     return Proven(status, checked, attempt, 0.0)
 
 
-def _answer(
+def answer(
     problem: Problem, qp_solver: str, lower_bound: float, proven: Proven, runs: Runs
 ) -> Plan:
+    """Plan of a problem from how its search ended."""
     status, checked, duration = proven.status, proven.certificate, proven.duration
     if status.success:
         message = success_message(status, checked, duration=duration, lower_bound=lower_bound)

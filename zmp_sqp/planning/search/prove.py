@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -51,6 +52,7 @@ class Proven:
         attempt: Last motion; None where no trajectory could be built from the program's point.
         duration: Duration of the attempt, or of the program's last point [s].
         obstacle: Reason why no trajectory could be built, in words; empty if it could.
+        candidate: Point of the program that the attempt was built from; None if there was none.
     """
 
     status: Status
@@ -58,6 +60,7 @@ class Proven:
     attempt: Trajectory | None
     duration: float
     obstacle: str = ""
+    candidate: Candidate | None = None
 
 
 def prove(task: Task, candidate: Candidate, runs: Runs) -> Proven:
@@ -65,9 +68,11 @@ def prove(task: Task, candidate: Candidate, runs: Runs) -> Proven:
     runs.enter("prove")
     problem, tightening = task.problem, Tightening()
     for _ in range(MAX_TIGHTENINGS):
+        started = time.perf_counter()
         try:
             motion = trajectory(problem, candidate.program, candidate.motion)
-            checked = certify_for(problem, motion)
+            checked = certify_for(problem, motion, anywhere=task.goal.free)
+            runs.proof_time = time.perf_counter() - started
         except (ProblemError, TrajectoryError) as cause:
             # the path leaves the map, or the tracks cannot follow the ground
             base = problem.undercarriage
@@ -87,7 +92,7 @@ def prove(task: Task, candidate: Candidate, runs: Runs) -> Proven:
     base_fails = any(not found.kept for found in checked.guarantees if found.name == "base")
     if status in MAYBE_BASE and base_fails and margin_kept:
         status = Status.BASE
-    return Proven(status, checked, motion, motion.duration)
+    return Proven(status, checked, motion, motion.duration, candidate=candidate)
 
 
 def _verdict(task: Task, candidate: Candidate, motion: Trajectory, checked: Certificate) -> Status:
@@ -98,7 +103,7 @@ def _verdict(task: Task, candidate: Candidate, motion: Trajectory, checked: Cert
     status = OUTCOMES.get(candidate.result.status, Status.FAILED)
     if status is Status.FASTEST_POSSIBLE and motion.duration > task.lower_bound * (1.0 + AT_BOUND):
         status = Status.OPTIMAL
-    if checked.safe and meets_boundary_states(task.problem, motion):
+    if checked.safe and meets_boundary_states(task.problem, motion, anywhere=task.goal.free):
         return status if status.success else Status.SAFE  # proven safe, however it was found
     if not status.success:
         return status

@@ -93,6 +93,7 @@ class Runs:
         stage: What the planner is about: "explore", "refine" or "prove".
         history: Records of all iterations so far.
         runs: One record per run so far.
+        proof_time: Wall time of the last certificate [s]; 0 before the first.
     """
 
     backend: QPBackend
@@ -103,6 +104,7 @@ class Runs:
     stage: str = ""
     history: list[IterationRecord] = field(default_factory=list)
     runs: list[SearchRun] = field(default_factory=list)
+    proof_time: float = 0.0
 
     @classmethod
     def start(
