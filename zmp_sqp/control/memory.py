@@ -17,7 +17,7 @@ from zmp_sqp.planning.search.task import Task
 __all__ = ["Memory", "Rest"]
 
 SAMPLES = 8  # per interval, at which the last motion is compared with a measured state
-NEWTON_STEPS = 4  # that refine the nearest sample
+FINER = 8  # times that the interval about the nearest sample is divided by 8
 NOTHING_ACTIVE = 1e-4  # sum of multipliers up to which no nonlinear row shapes the motion
 
 
@@ -120,7 +120,7 @@ class Memory:
         distances = self._distance(q, v, times)
         best = int(np.argmin(distances))
         low, high = times[max(best - 1, 0)], times[min(best + 1, len(times) - 1)]
-        for _ in range(NEWTON_STEPS):
+        for _ in range(FINER):
             finer = np.linspace(low, high, 2 * SAMPLES + 1)
             distances = self._distance(q, v, finer)
             best = int(np.argmin(distances))

@@ -26,7 +26,7 @@ from zmp_sqp.sqp.solver import SQPSettings
 __all__ = ["Remains", "ready_motion", "replanned"]
 
 # the guess is near the solution: few steps, with the excess between the rows' points from the first
-WARM = SQPSettings(resumed=True, converged=2e-4, excess_from=1e-2)
+WARM = SQPSettings(resumed=True, converged=1e-4, excess_from=1e-2)
 # relative increases of the rest's duration, at which a motion near it is looked for
 SLOWER = (0.005, 0.05)
 
