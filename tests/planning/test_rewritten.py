@@ -7,7 +7,6 @@ up to 2e-8 m higher: the polynomials' error is bounded for the moment about the 
 
 from __future__ import annotations
 
-import xml.etree.ElementTree as ET
 from dataclasses import replace
 from pathlib import Path
 
@@ -225,81 +224,3 @@ def test_the_physics_engine_sees_the_same() -> None:
     assert theirs.fell
     assert theirs.lifted_at == pytest.approx(ours.lifted_at, abs=2e-3)
     assert theirs.max_tilt == pytest.approx(ours.max_tilt, rel=1e-3)
-
-
-@pytest.mark.parametrize("signs", [(1, 1), (-1, 1), (1, -1), (-1, -1)])
-def test_the_signs_of_the_simplified_models_joints_are_the_machines_own(
-    signs: tuple[int, int], tmp_path: Path
-) -> None:
-    """Axes of boom and stick the other way round: the same motions with other signs."""
-    source = zs.shipped_machines()["feller_buncher"]
-    path, text = tmp_path / "machine.urdf", source.read_text()
-    boom, stick = signs
-    path.write_text(_with_axes(text, {"boom": boom, "stick": stick, "tilt": -stick}))
-    machine = zs.load_machine(path, limits=source.with_name(LIMITS))
-    flips = np.array([1.0, boom, stick, -stick, 1.0])
-    limits = {
-        "position_lower": np.minimum(
-            flips * machine.limits.position_lower, flips * machine.limits.position_upper
-        ),
-        "position_upper": np.maximum(
-            flips * machine.limits.position_lower, flips * machine.limits.position_upper
-        ),
-    }
-    machine = replace(machine, limits=machine.limits.updated(limits, machine.joint_names))
-    for bounds in (None, zs.DistanceLimits(0.9, 1.2)):
-        plans = [
-            zs.plan(
-                zs.Problem(
-                    side,
-                    flip * pose(0.0, -0.6),
-                    flip * pose(2.0, -0.3),
-                    ground=zs.Slope(roll=-0.2),
-                    model="simplified",
-                    distance_limits=bounds,
-                )
-            )
-            for side, flip in ((zs.load_machine(source), np.ones(5)), (machine, flips))
-        ]
-        assert plans[0].success
-        assert plans[1].success, plans[1].message
-        assert abs(plans[1].duration - plans[0].duration) <= SAME
-        assert abs(plans[1].certificate.margin - plans[0].certificate.margin) <= 1e-6
-        np.testing.assert_allclose(
-            positions_of(plans[1]), flips * positions_of(plans[0]), atol=1e-4
-        )
-    start = flips * pose(0.0, -0.6) + np.array([0.0, 0.0, 0.1, 0.0, 0.0])
-    with pytest.raises(zs.ProblemError, match=r"'stick' = -?pi [-+] 2 'boom'"):
-        zs.Problem(machine, start, start, model="simplified")
-
-
-def _with_axes(text: str, signs: dict[str, int]) -> str:
-    """URDF in which the axes of some joints are multiplied by 1 or -1."""
-    robot = ET.fromstring(text)
-    for joint in robot.findall("joint"):
-        axis = joint.find("axis")
-        if axis is not None and joint.attrib["name"] in signs:
-            given = np.array(axis.attrib["xyz"].split(), dtype=float)
-            axis.set("xyz", " ".join(map(str, signs[joint.attrib["name"]] * given)))
-    return ET.tostring(robot, encoding="unicode")
-
-
-def test_a_centre_of_mass_off_the_arm_has_no_lumped_mass() -> None:
-    machine = rewritten()
-    model = machine.model.copy()
-    body = model.inertias[model.getJointId("boom")]
-    body.lever = body.lever + np.array([0.3, 0.0, 0.0])
-    model.inertias[model.getJointId("boom")] = body
-    bulky = replace(machine, model=model)
-    start = pose(0.0, -0.5)
-    zs.Problem(bulky, start, start, model="simplified")  # distances are not needed
-    with pytest.raises(zs.ProblemError, match=r"eq. \(9\)\).*centres of mass of boom and stick"):
-        zs.plan(
-            zs.Problem(
-                bulky,
-                start,
-                pose(1.0, -0.5),
-                model="simplified",
-                distance_limits=zs.DistanceLimits(1.0, 1.0),
-            )
-        )
