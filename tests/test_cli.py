@@ -184,6 +184,16 @@ def test_options_overrule_the_scenario(capsys: pytest.CaptureFixture[str]) -> No
     assert result["qp_solver"] == "piqp"
 
 
+def test_a_time_budget_ends_the_search(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "stretched.toml"
+    path.write_text(STRETCHED, encoding="utf-8")
+    arguments = ["plan", str(path), "--no-diagnosis", "--json", "-", "--time-budget"]
+    assert cli.main([*arguments, "1e-3"]) == 1
+    assert json.loads(capsys.readouterr().out)["status"] == "time_budget"
+    assert cli.main([*arguments, "-1"]) == 2
+    assert "time_budget must be positive, not -1.0 s" in capsys.readouterr().err
+
+
 def test_no_figures_writes_none(tmp_path: Path) -> None:
     assert cli.main(["plan", "paper_1", "--out", str(tmp_path), "--no-figures"]) == 0
     assert {path.suffix for path in tmp_path.iterdir()} == {".csv", ".json"}

@@ -11,8 +11,10 @@ import pytest
 import zmp_sqp as zs
 import zmp_sqp.cli as cli
 from benchmarks.problems.arm import HARD, random_problem
+from benchmarks.problems.terrain import random_drive_problem
 from tests.test_cli import STRETCHED, TIPPING
 from zmp_sqp.errors import GIVE_EFFORT, GIVE_LIMITS, GIVE_SUPPORT, HOLD, in_keys
+from zmp_sqp.planning.proof.certificate import certify_at
 from zmp_sqp.scenario import load_scenario
 
 MARGIN_MISSED = STRETCHED.replace("roll_deg = -20", "roll_deg = -8").replace(
@@ -168,3 +170,15 @@ def test_a_certified_margin_hardly_depends_on_the_margin_that_is_asked_for(seed:
     margins = [zs.certify(machine, motion, problem.ground, margin).margin for margin in asked]
     assert max(margins) - min(margins) < 6e-6  # [m]
     assert sampled - min(margins) < 6e-6
+
+
+def test_nor_does_one_over_terrain() -> None:
+    problem = random_drive_problem(1, over_terrain=True)
+    plan = zs.plan(problem)
+    sampled = plan.certificate.sampled
+    margins = [
+        certify_at(problem.corners(every=True), plan.trajectory, asked).margin
+        for asked in (0.0, sampled - 1e-4, sampled - 3e-5, sampled + 0.1)
+    ]
+    assert max(margins) - min(margins) < 2.5e-5  # [m]
+    assert sampled - min(margins) < 2.5e-5

@@ -216,7 +216,7 @@ def problem(
             r"base goal: .*leaves the map at .*20.000, 0.000",
         ),
         (rolling_map(), {"start": (-16.0, 0.0, 0.0)}, r"base start: a track leaves the map"),
-        (rolling_map(waves=ROUGH), {}, r"base start: terrain is too rough .* radius of curvature"),
+        (rolling_map(waves=ROUGH), {}, r"base start: terrain is too rough .* curves with a radius"),
         (
             zs.Heightmap(np.zeros((8, 8)), 1.0, (-4.0, -4.0)),
             {},

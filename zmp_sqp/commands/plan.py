@@ -122,6 +122,12 @@ def _add_planning_options(command: argparse.ArgumentParser) -> None:
         help="[m] distance that the ZMP keeps from every edge (default: the scenario's)",
     )
     command.add_argument(
+        "--time-budget",
+        type=float,
+        metavar="S",
+        help="[s] time after which the search ends with what it has (default: none)",
+    )
+    command.add_argument(
         "--no-diagnosis",
         dest="diagnosis",
         action="store_false",
@@ -163,6 +169,7 @@ def run_plan(arguments: argparse.Namespace) -> int:
         found = plan(
             problem,
             qp_solver=arguments.qp_solver or scenario.qp_solver,
+            time_budget=arguments.time_budget,
             progress=line.count,
             announce=line.say,
         )
