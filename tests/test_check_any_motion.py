@@ -292,3 +292,24 @@ def test_a_tolerance_out_of_range_is_refused(tmp_path: Path, capsys: Capture) ->
     for value in ("-0.1", "2", "nan"):
         assert main(["check", "feller_buncher", str(path), "--limit-tolerance", value]) == 2
         assert "--limit-tolerance" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("rule", ["spline", "linear", "cubic", "quintic", None])
+def test_numbers_beyond_all_reason_are_refused_or_unsafe(
+    rule: str | None, tmp_path: Path, capsys: Capture
+) -> None:
+    rng = np.random.default_rng(3)
+    options = [] if rule is None else ["--interpolation", rule]
+    path = tmp_path / "user.csv"
+    for step, size, rate in ((1e-300, 1.0, 1.0), (1e300, 1e-9, 0.0), (1.0, 1e300, 1e200)):
+        t, q = np.arange(3) * step, START + size * rng.normal(size=(3, 5))
+        v = rate * rng.normal(size=(3, 5))
+        write_csv_samples(path, JOINTS, t, [q, v, v], None)
+        code = main(["check", "feller_buncher", str(path), *options, "--json", "-"])
+        captured = capsys.readouterr()
+        assert code in (1, 2)
+        if code == 2:
+            assert captured.err.count("\n") == 1
+            assert str(path) in captured.err
+        else:
+            assert json.loads(captured.out)["safe"] is False

@@ -10,6 +10,7 @@ import numpy as np
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.commands.check_motion import (
+    finite,
     hints_on,
     jump_hint,
     limit_allowance,
@@ -22,7 +23,6 @@ from zmp_sqp.commands.check_verdict import (
     certificate_faults,
     check_table,
     checked_share,
-    finite,
     limit_fields,
     verdict,
 )

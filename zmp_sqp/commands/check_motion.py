@@ -16,6 +16,7 @@ from zmp_sqp.planning.proof.limits_in_time import LimitPeak, joints_least_durati
 
 __all__ = [
     "ends_in_motion",
+    "finite",
     "hints_on",
     "jump_hint",
     "limit_allowance",
@@ -42,6 +43,11 @@ LEAST_SAID = 1e-6  # [rad/s^2 or the like] smaller allowances are not mentioned
 MOST_FAULTS = 3  # limits that are named; the others are counted
 
 
+def finite(value: float) -> float | None:
+    """The value, or None for JSON if it is not finite."""
+    return float(value) if np.isfinite(value) else None
+
+
 def motion_fields(read: RecordedMotion) -> dict[str, Any]:
     """How a motion follows from its file, for JSON."""
     samples, departure = read.samples, read.departure
@@ -49,7 +55,7 @@ def motion_fields(read: RecordedMotion) -> dict[str, Any]:
     if departure is not None:
         columns = departure.at_samples | {"between": departure.between}
         by_joint = {
-            joint: {name: float(column[i]) for name, column in columns.items()}
+            joint: {name: finite(column[i]) for name, column in columns.items()}
             for i, joint in enumerate(samples.joint_names)
         }
     return {
@@ -150,13 +156,14 @@ def limit_allowance(read: RecordedMotion, machine: Machine, share: float | None)
     if read.rule == EXACT:
         return None
     samples, motion = read.samples, read.trajectory
-    h = float(np.diff(motion.times).min())
+    h = np.diff(motion.times).min()
     fastest = np.abs(motion.velocities).max(axis=0)
     u = samples.error_of("position") + fastest * samples.error_of("time")
     w, x = samples.error_of("velocity"), samples.error_of("acceleration")
-    errors = np.stack([u, u, 3.0 * u / h + w, 12.0 * u / h**2 + 8.0 * w / h + 1.5 * x])
+    with np.errstate(all="ignore"):  # what overflows is limited
+        errors = np.stack([u, u, 3.0 * u / h + w, 12.0 * u / h**2 + 8.0 * w / h + 1.5 * x])
     most = np.where(np.isfinite(bounds), MOST_ROUNDING * bounds, 0.0)
-    errors[2:] = np.minimum(errors[2:], most[2:])
+    errors[2:] = np.fmin(errors[2:], most[2:])
     return errors
 
 
@@ -183,7 +190,8 @@ def jump_hint(read: RecordedMotion, peaks: Sequence[LimitPeak]) -> list[str]:
     """
     broken = [peak for peak in peaks if not peak.kept]
     motion, names = read.trajectory, read.samples.joint_names
-    means = np.abs(np.diff(motion.velocities, axis=0) / np.diff(motion.times)[:, None])
+    with np.errstate(all="ignore"):
+        means = np.abs(np.diff(motion.velocities, axis=0) / np.diff(motion.times)[:, None])
     given = {
         "velocity": np.abs(motion.velocities).max(axis=0),
         "acceleration": means.max(axis=0),
@@ -220,7 +228,8 @@ def hints_on(
         )
     if "velocity" in samples.values:
         given = float(np.abs(samples.values["velocity"]).max())
-        followed = float(np.abs(np.diff(q, axis=0) / np.diff(samples.times)[:, None]).max())
+        with np.errstate(all="ignore"):
+            followed = float(np.abs(np.diff(q, axis=0) / np.diff(samples.times)[:, None]).max())
         if 0.0 < followed < 0.02 * given or followed > 50.0 * given > 0.0:
             hints.append(
                 f"rates that follow from positions and times are up to {followed:.3g}, but the "

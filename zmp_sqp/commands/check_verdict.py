@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from zmp_sqp.arrays import finite_number, length_text
-from zmp_sqp.commands.check_motion import ends_in_motion, limit_faults
+from zmp_sqp.commands.check_motion import ends_in_motion, finite, limit_faults
 from zmp_sqp.commands.check_question import Question
 from zmp_sqp.errors import ProblemError
 from zmp_sqp.motion.reading import RecordedMotion
@@ -27,15 +27,9 @@ __all__ = [
     "certificate_faults",
     "check_table",
     "checked_share",
-    "finite",
     "limit_fields",
     "verdict",
 ]
-
-
-def finite(value: float) -> float | None:
-    """The value, or None for JSON if it is not finite."""
-    return float(value) if np.isfinite(value) else None
 
 
 def checked_share(share: float | None) -> float | None:

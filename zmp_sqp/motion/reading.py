@@ -58,25 +58,26 @@ class Departure:
     @classmethod
     def of(cls, samples: Samples, motion: Trajectory) -> Departure:
         """Departure of a motion whose nodes are the samples."""
-        q, v, start, *_ = motion.node_rows()
-        end = np.vstack([start[:1], motion.end_accelerations])
-        found = {}
-        # files of ours give accelerations and jerks of the interval that begins at a node
-        sides_of = (start,) if "jerk" in samples.values else (start, end)
-        for quantity, sides in (
-            ("position", (q,)),
-            ("velocity", (v,)),
-            ("acceleration", sides_of),
-        ):
-            if quantity in samples.values:
-                off = [np.abs(side - samples.values[quantity]).max(axis=0) for side in sides]
-                found[quantity] = np.max(off, axis=0)
-        h = np.diff(motion.times)[:, None]
-        peak = np.maximum(np.abs(start[:-1]), np.abs(end[1:]))
-        if motion.snaps is not None:  # their largest value bounds how far accelerations bend
-            last = motion.snaps + h * motion.crackles
-            peak = peak + 0.125 * h**2 * np.maximum(np.abs(motion.snaps), np.abs(last))
-        return cls(found, (0.125 * h**2 * peak).max(axis=0))
+        with np.errstate(all="ignore"):  # what overflows is infinite or not a number
+            q, v, start, *_ = motion.node_rows()
+            end = np.vstack([start[:1], motion.end_accelerations])
+            found = {}
+            # files of ours give accelerations and jerks of the interval that begins at a node
+            sides_of = (start,) if "jerk" in samples.values else (start, end)
+            for quantity, sides in (
+                ("position", (q,)),
+                ("velocity", (v,)),
+                ("acceleration", sides_of),
+            ):
+                if quantity in samples.values:
+                    off = [np.abs(side - samples.values[quantity]).max(axis=0) for side in sides]
+                    found[quantity] = np.max(off, axis=0)
+            h = np.diff(motion.times)[:, None]
+            peak = np.maximum(np.abs(start[:-1]), np.abs(end[1:]))
+            if motion.snaps is not None:  # their largest value bounds how far accelerations bend
+                last = motion.snaps + h * motion.crackles
+                peak = peak + 0.125 * h**2 * np.maximum(np.abs(motion.snaps), np.abs(last))
+            return cls(found, (0.125 * h**2 * peak).max(axis=0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -153,7 +154,15 @@ def read_motion(
             f"{samples.source}: {rule} interpolation needs the {lacking[0]} of every joint; for "
             f"{' and '.join(samples.given)} there is {', '.join(able)}"
         )
-    motion = _through(samples, rule, machine)
+    try:
+        motion = _through(samples, rule, machine)
+    except UnboundedAcceleration:
+        raise
+    except (TrajectoryError, ValueError, np.linalg.LinAlgError) as cause:
+        raise TrajectoryError(
+            f"{samples.source}: the {rule} through its samples cannot be computed: "
+            f"{' '.join(str(cause).split())}"
+        ) from None
     return RecordedMotion(motion, rule, samples, Departure.of(samples, motion))
 
 
