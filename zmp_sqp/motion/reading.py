@@ -146,23 +146,7 @@ def read_motion(
         if exact is not None:
             return RecordedMotion(exact, EXACT, samples, None)
     rule = interpolation or named or _default(samples)
-    if rule not in RULES:
-        raise TrajectoryError(f"interpolation must be one of {', '.join(RULES)}, not {rule!r}")
-    if lacking := [quantity for quantity in NEEDED[rule] if quantity not in samples.values]:
-        able = [name for name, needed in NEEDED.items() if set(needed) <= set(samples.values)]
-        raise TrajectoryError(
-            f"{samples.source}: {rule} interpolation needs the {lacking[0]} of every joint; for "
-            f"{' and '.join(samples.given)} there is {', '.join(able)}"
-        )
-    try:
-        motion = _through(samples, rule, machine)
-    except UnboundedAcceleration:
-        raise
-    except (TrajectoryError, ValueError, np.linalg.LinAlgError) as cause:
-        raise TrajectoryError(
-            f"{samples.source}: the {rule} through its samples cannot be computed: "
-            f"{' '.join(str(cause).split())}"
-        ) from None
+    motion = _by_rule(samples, rule, machine)
     return RecordedMotion(motion, rule, samples, Departure.of(samples, motion))
 
 
@@ -245,6 +229,27 @@ def _default(samples: Samples) -> str:
         return "spline"
     # jerks are given by files of ours, whose pieces are cubics, and by no controller
     return "quintic" if samples.given == NEEDED["quintic"] else "cubic"
+
+
+def _by_rule(samples: Samples, rule: str, machine: Machine) -> Trajectory:
+    """Motion through the samples by a rule, after a check that they suffice for it."""
+    if rule not in RULES:
+        raise TrajectoryError(f"interpolation must be one of {', '.join(RULES)}, not {rule!r}")
+    if lacking := [quantity for quantity in NEEDED[rule] if quantity not in samples.values]:
+        able = [name for name, needed in NEEDED.items() if set(needed) <= set(samples.values)]
+        raise TrajectoryError(
+            f"{samples.source}: {rule} interpolation needs the {lacking[0]} of every joint; for "
+            f"{' and '.join(samples.given)} there is {', '.join(able)}"
+        )
+    try:
+        return _through(samples, rule, machine)
+    except UnboundedAcceleration:
+        raise
+    except (TrajectoryError, ValueError, np.linalg.LinAlgError) as cause:
+        raise TrajectoryError(
+            f"{samples.source}: the {rule} through its samples cannot be computed: "
+            f"{' '.join(str(cause).split())}"
+        ) from None
 
 
 def _through(samples: Samples, rule: str, machine: Machine) -> Trajectory:
