@@ -291,9 +291,9 @@ def test_the_picture_shows_side_and_top_in_the_root_frame(
     [figure] = saved
     side, top, other_side, other_top = figure.axes
     for axes in (side, other_side):
-        assert (axes.get_xlabel(), axes.get_ylabel()) == ("x, forward [m]", "z, up [m]")
+        assert (axes.get_xlabel(), axes.get_ylabel()) == ("x forward [m]", "z up [m]")
     for axes in (top, other_top):
-        assert (axes.get_xlabel(), axes.get_ylabel()) == ("x, forward [m]", "y, to the left [m]")
+        assert (axes.get_xlabel(), axes.get_ylabel()) == ("x forward [m]", "y left [m]")
     assert "pose 'middle'" in other_side.get_title()
     assert "stands" in other_side.get_title()
     by_label = {line.get_label(): line.get_xydata()[0] for line in other_side.get_lines()}

@@ -96,7 +96,7 @@ def add_chart(commands: Any, shipped: str) -> None:
         commands,
         "chart",
         run_chart,
-        summary="load chart of a machine",
+        summary="make the load chart of a machine",
         description=DESCRIPTION,
         notes=(EXAMPLES, machines, shipped, CHART_KEYS),
     )

@@ -121,7 +121,7 @@ def add_check(commands: Any) -> None:
         commands,
         "check",
         run_check,
-        summary="certify an existing motion",
+        summary="prove how safe an existing motion is",
         description=DESCRIPTION,
         notes=(
             EXAMPLES,

@@ -76,7 +76,7 @@ def add_inspect(commands: Any) -> None:
         commands,
         "inspect",
         run_inspect,
-        summary="what was understood of a machine: tables and a picture",
+        summary="say what was understood of a machine: tables and a picture",
         description=DESCRIPTION,
         notes=(EXAMPLES, f"shipped machines: {', '.join(shipped_machines())}\n", INSPECTION_KEYS),
     )

@@ -71,7 +71,7 @@ def add_paper(commands: Any) -> None:
         commands,
         "paper",
         run_paper,
-        summary="tables and figures of Song & Sharf 2020 beside zmp_sqp's",
+        summary="set the results of Song & Sharf 2020 beside those of zmp_sqp: tables and figures",
         description=DESCRIPTION,
         notes=(EXAMPLES, PAPER_KEYS),
     )

@@ -92,7 +92,7 @@ def add_plan(commands: Any, shipped: str) -> None:
         commands,
         "plan",
         run_plan,
-        summary="plan the motion of a scenario",
+        summary="plan the fastest safe motion of a scenario",
         description=DESCRIPTION,
         notes=(EXAMPLES, shipped, SCENARIO_KEYS, kinds_in_words(), RESULT_KEYS),
     )

@@ -102,7 +102,7 @@ def add_replay(commands: Any, shipped: str) -> None:
         commands,
         "replay",
         run_replay,
-        summary="replay a motion in a physics engine: does the machine tip over?",
+        summary="simulate a motion in a physics engine: does the machine tip over?",
         description=DESCRIPTION,
         notes=(EXAMPLES, shipped, REPLAY_KEYS),
     )

@@ -100,8 +100,8 @@ def draw_plan_view(
     elif ground is not None:
         _draw_downhill(axes, ground)
     axes.set_aspect("equal", adjustable="datalim")
-    axes.set_xlabel("x on the ground [m]")
-    axes.set_ylabel("y on the ground [m]")
+    axes.set_xlabel("x on the ground, forward at yaw 0 [m]")
+    axes.set_ylabel("y on the ground, left at yaw 0 [m]")
     axes.grid(alpha=0.3)
     axes.legend(loc="best")
 

@@ -50,8 +50,8 @@ class _View(NamedTuple):
     arrow: str
 
 
-SIDE = _View("seen from its right-hand side", 2, "z, up [m]", "up")
-TOP = _View("seen from above", 1, "y, to the left [m]", "left")
+SIDE = _View("seen from its right-hand side", 2, "z up [m]", "up")
+TOP = _View("seen from above", 1, "y left [m]", "left")
 
 
 class _Scene(NamedTuple):
@@ -207,7 +207,7 @@ def _draw(axes: Axes, scene: _Scene, view: _View, *, size: float) -> None:
     _draw_joints(axes, scene, shown, size if view is SIDE else None)
     _draw_points(axes, scene, view)
     _draw_root(axes, view, ARROW * size)
-    axes.set_xlabel("x, forward [m]")
+    axes.set_xlabel("x forward [m]")
     axes.set_ylabel(view.label)
     axes.grid(alpha=0.25)
     axes.set_title(_title(scene, view), fontsize=9.5)
