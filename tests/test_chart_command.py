@@ -132,7 +132,7 @@ def test_control_c_leaves_what_was_done(
     monkeypatch.setattr(Swing, "loads", interrupted)
     code = cli.main([*HERE, *SWING, "--out", str(tmp_path), "--no-figures"])
     assert code == 130
-    assert "Interrupted: 1 points are done." in capsys.readouterr().out
+    assert "Interrupted: 1 points are done; ?: not computed." in capsys.readouterr().out
     result = json.loads((tmp_path / "chart.json").read_text())
     assert result["swing"]["complete"] is False
     assert len(result["swing"]["points"]) == 1

@@ -3,14 +3,23 @@
 from __future__ import annotations
 
 import csv
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import zmp_sqp as zs
-from tests.charts.machines import tower_crane
+from tests.charts.machines import (
+    BALLAST,
+    BALLAST_AT,
+    BASE,
+    HALF,
+    HOOK,
+    JIB,
+    TROLLEY,
+    tower_crane,
+)
 from zmp_sqp.charts import Swing
+from zmp_sqp.mechanics.ground import GRAVITY
 
 TURN = np.pi / 2
 OPTIONS = {"radii": [5.0, 6.5], "heights": [4.0], "frame": "head"}
@@ -77,25 +86,53 @@ def test_a_longer_duration_never_costs_load(chart, swing):
     assert np.array_equal(same.loads, slower.loads, equal_nan=True)
 
 
-def test_inertia_costs_load_where_the_arm_cannot_be_drawn_in(tmp_path):
-    """A crane whose trolley is at its stop and whose slew brakes hard: the ZMP leaves sideways.
+def edge_moment(mass, times, profile):
+    """Largest moment of point masses about any edge of the square [kg m^2/s^2]; positive tips.
 
-    Held at 8 m by its limits, the hook's mass m at radius 8 m and height 9 m decelerates with the
-    slew. Static bound, fast swing and slow swing must come in this order.
+    The ZMP of points at height z with horizontal accelerations a is
+    sum m (g p - z a) / sum m g (Song & Sharf 2020, eq. (5)).
     """
-    crane = tower_crane(tmp_path)
-    limits = replace(
-        crane.limits,
-        position_lower=np.array([-7.0, 7.999, -1.001]),
-        position_upper=np.array([7.0, 8.001, -0.999]),
-    )
-    machine = replace(crane, limits=limits).with_limits(acceleration=1.0, velocity=1.0)
+    angle, rate, acceleration = (part[:, 0] for part in profile(times))
+    radial = np.column_stack([np.cos(angle), np.sin(angle)])
+    tangent = np.column_stack([-np.sin(angle), np.cos(angle)])
+    points = [(BASE, 0.0, 0.0), (BALLAST, -BALLAST_AT, JIB), (TROLLEY, 8.0, JIB)]
+    points.append((HOOK + mass, 8.0, 9.0))
+    total = sum(weight for weight, _, _ in points)
+    moment = np.zeros((len(times), 2))
+    for weight, radius, height in points:
+        moved = radius * (acceleration[:, None] * tangent - rate[:, None] ** 2 * radial)
+        moment += weight * (GRAVITY * radius * radial - height * moved)
+    return np.abs(moment).max() - HALF * total * GRAVITY
+
+
+def test_a_crane_that_only_slews_carries_what_point_masses_say(tmp_path):
+    """Trapezoid of the slew joint, all else held; at the fastest pace there is no other motion."""
+    machine = tower_crane(tmp_path)  # 1 rad/s, 1 rad/s^2
     chart = zs.load_chart(machine, frame="hook", radii=[8.0], heights=[9.0])
-    fast = zs.swing_chart(chart, TURN, intervals=20)
-    slow = zs.swing_chart(chart, TURN, pace=3.0, intervals=20)
-    assert fast.loads[0, 0] < 0.8 * fast.bounds[0, 0]
-    assert slow.loads[0, 0] > 1.1 * fast.loads[0, 0]
-    assert slow.loads[0, 0] <= slow.bounds[0, 0]
+    fast = zs.swing_chart(chart, TURN, only_slew=True, duration=TURN + 1.0)
+    assert fast.fastest == pytest.approx(TURN + 1.0)
+    start = chart.grid.poses[0, 0]
+    profile = zs.phase_plane(machine, start, start + np.array([TURN, 0.0, 0.0]))
+    times = np.linspace(0.0, profile.duration, 4001)
+    lower, upper = 0.0, fast.bounds[0, 0]
+    for _ in range(40):
+        middle = 0.5 * (lower + upper)
+        stands = edge_moment(middle, times, profile) <= 0.0
+        lower, upper = (middle, upper) if stands else (lower, middle)
+    resolution = fast.bounds[0, 0] / 64.0
+    assert 0.0 < lower < 0.8 * fast.bounds[0, 0]
+    assert lower - resolution <= fast.loads[0, 0] <= lower * (1.0 + 1e-3)
+    slow = zs.swing_chart(chart, TURN, only_slew=True, pace=3.0)
+    assert fast.loads[0, 0] < slow.loads[0, 0] <= slow.bounds[0, 0]
+
+
+def test_what_only_slews_carries_no_more_than_what_may_be_drawn_in(chart):
+    free = zs.swing_chart(chart, TURN, pace=1.3, intervals=20)
+    held = zs.swing_chart(chart, TURN, pace=1.3, intervals=20, only_slew=True)
+    assert held.only_slew
+    reached = chart.grid.reached
+    assert (held.loads <= free.loads + free.bounds / 64.0)[reached].all()
+    assert (held.loads[reached] > 0.0).any()
 
 
 def test_constraints_and_margin_of_the_problem_are_kept(chart, swing):

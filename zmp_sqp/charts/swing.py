@@ -12,6 +12,7 @@ import numpy as np
 from zmp_sqp.arrays import Array, finite_number
 from zmp_sqp.charts.chart import LoadChart, write_records
 from zmp_sqp.errors import ProblemError
+from zmp_sqp.mechanics import Machine
 from zmp_sqp.planning import Problem, phase_plane, plan
 from zmp_sqp.planning.problem.checks import check_limits
 
@@ -19,6 +20,7 @@ __all__ = ["Swing", "SwingChart", "SwingLoad", "swing_chart"]
 
 HALVINGS = 6  # bisection steps: loads are found to 2^-6 of the load that can be held at the ends
 NO_SLOWER = 1e-3  # relative excess over the least duration that counts as none
+EXCESS = 1e-6  # relative excess over the duration asked for that counts as rounding
 HEAVIEST = 5.0  # times the machine's mass: heavier loads are not tried
 BELOW_STATIC = 1e-3  # share by which the heaviest load that is tried is below the static one
 # arguments of `Problem` that say nothing of a machine without a payload
@@ -57,6 +59,7 @@ class SwingChart:
         duration: Longest duration allowed [s].
         fastest: Least duration that the joint limits allow [s].
         margin: Distance kept between the ZMP and every edge of the support polygon [m].
+        only_slew: Whether only the slew joint moves, so that the load keeps its radius.
         loads: Largest loads, shape (R, C) [kg]; NaN beyond reach and where nothing was computed.
         durations: Durations of these swings, shape (R, C) [s].
         bounds: Loads that can be held at both ends of the swing, shape (R, C) [kg].
@@ -69,6 +72,7 @@ class SwingChart:
     duration: float
     fastest: float
     margin: float
+    only_slew: bool
     loads: Array = field(repr=False)
     durations: Array = field(repr=False)
     bounds: Array = field(repr=False)
@@ -104,6 +108,7 @@ class Swing:
         fastest: Least duration that the joint limits allow [s].
         ends: Joint coordinates at start and goal for every point of the chart within reach of both,
             by row and column, shape (2, n) each.
+        only_slew: Whether only the slew joint moves.
         settings: Further arguments of `Problem`.
         qp_solver: Name of the QP solver.
     """
@@ -114,6 +119,7 @@ class Swing:
     duration: float
     fastest: float
     ends: dict[tuple[int, int], Array] = field(repr=False)
+    only_slew: bool
     settings: dict[str, Any] = field(repr=False)
     qp_solver: str
 
@@ -126,6 +132,7 @@ class Swing:
         duration: float | None = None,
         pace: float | None = None,
         start: float = 0.0,
+        only_slew: bool = False,
         qp_solver: str = "auto",
         **settings: Any,
     ) -> Swing:
@@ -137,6 +144,7 @@ class Swing:
             duration: Longest duration [s]; None leaves it to the pace.
             pace: Longest duration as a multiple of the least that the joint limits allow.
             start: Azimuth at which the swing begins [rad].
+            only_slew: Whether only the slew joint moves.
             qp_solver: Name of the QP solver of the plans.
             settings: Further arguments of `Problem`.
         """
@@ -161,7 +169,7 @@ class Swing:
                 f"a swing by {np.degrees(angle):g} degrees takes at least {fastest:.4g} s "
                 f"within the limits of joint {joint!r}, not {longest:.4g} s"
             )
-        swing = cls(chart, angle, start, longest, fastest, ends, settings, qp_solver)
+        swing = cls(chart, angle, start, longest, fastest, ends, only_slew, settings, qp_solver)
         swing._check()
         return swing
 
@@ -189,7 +197,20 @@ class Swing:
             carried = replace(payload, mass=load, inertia=inertia)
             # no doubts about units: bisection tries every load
             machine = replace(machine, model=carried.attached_to(machine.model))
+        if self.only_slew:
+            machine = self._held(machine, ends[0])
         return Problem(machine, ends[0], ends[1], ground=self.chart.ground, **settings)
+
+    def _held(self, machine: Machine, pose: Array) -> Machine:
+        """Machine whose position limits hold every joint but the slew joint where it is."""
+        held = np.arange(machine.size) != self.chart.arm.slew
+        lower, upper = machine.limits.position_lower, machine.limits.position_upper
+        limits = replace(
+            machine.limits,
+            position_lower=np.where(held, pose, lower),
+            position_upper=np.where(held, pose, upper),
+        )
+        return replace(machine, limits=limits)
 
     def planned(self, ends: Array, load: float) -> float | None:
         """Duration of a certified swing [s]; None where none was found that is fast enough."""
@@ -198,7 +219,7 @@ class Swing:
         except ProblemError:  # tips over, or breaks a constraint, at rest at one of its ends
             return None
         found = plan(problem, qp_solver=self.qp_solver, time_budget=LONGEST_SEARCH)
-        longest = self.duration * (1.0 + 1e-9)
+        longest = self.duration * (1.0 + EXCESS)
         return found.duration if found.success and found.duration <= longest else None
 
     def loads(self) -> Iterator[SwingLoad]:
@@ -247,6 +268,7 @@ class Swing:
             duration=self.duration,
             fastest=self.fastest,
             margin=float(self.settings.get("margin", 0.0)),
+            only_slew=self.only_slew,
             loads=loads,
             durations=durations,
             bounds=bounds,
@@ -294,16 +316,18 @@ def swing_chart(
     duration: float | None = None,
     pace: float | None = None,
     start: float = 0.0,
+    only_slew: bool = False,
     progress: Callable[[int, int], None] = lambda done, total: None,
     qp_solver: str = "auto",
     **settings: Any,
 ) -> SwingChart:
     """Largest load at each point of a load chart with which a swing is certified.
 
-    The swing begins and ends at rest in the chart's pose; between, the planner moves all joints,
-    and may draw the load in. The load counts if the fastest motion found, certified for all t, is
-    no longer than `duration`. The payload is rigid: a load that hangs and sways is not modelled.
-    Loads are found by bisection to 1/64 of what can be held at both ends; each was certified.
+    The swing begins and ends at rest in the chart's pose. Between, the planner moves all joints,
+    and may draw the load in, unless only the slew joint may move. The load counts if the fastest
+    motion found, certified for all t, is no longer than `duration`. The payload is rigid: a load
+    that hangs and sways is not modelled. Loads are found by bisection to 1/64 of what can be held
+    at both ends; each was certified.
 
     Args:
         chart: Points, poses and machine.
@@ -311,6 +335,7 @@ def swing_chart(
         duration: Longest duration [s]; None is the least that the joint limits allow, and 0.1 %.
         pace: Longest duration as a multiple of that least one, in place of `duration`.
         start: Azimuth at which the swing begins, 0 ahead, pi/2 to the left [rad].
+        only_slew: Whether only the slew joint moves, so that the load keeps radius and height.
         progress: Called with the number of points that are done, and of all points.
         qp_solver: Name of the QP solver of the plans.
         settings: Further arguments of `Problem`: margin, constraints such as `TorqueLimits()`,
@@ -322,8 +347,8 @@ def swing_chart(
     """
     if not isinstance(chart, LoadChart):
         raise ProblemError(f"chart must be a LoadChart, not {type(chart).__name__}")
-    settings = {"pace": pace, "start": start, "qp_solver": qp_solver, **settings}
-    swing = Swing.of(chart, angle, duration=duration, **settings)
+    settings |= {"start": start, "only_slew": only_slew, "qp_solver": qp_solver}
+    swing = Swing.of(chart, angle, duration=duration, pace=pace, **settings)
     found: list[SwingLoad] = []
     for load in swing.loads():
         found.append(load)

@@ -182,6 +182,11 @@ def _add_swing_options(command: argparse.ArgumentParser) -> None:
         "(default: 1.001)",
     )
     command.add_argument(
+        "--only-slew",
+        action="store_true",
+        help="only the slew joint moves: the load keeps its radius; else it may be drawn in",
+    )
+    command.add_argument(
         "--from",
         dest="start",
         type=float,
@@ -334,6 +339,7 @@ def _swing_of(arguments: argparse.Namespace, question: _Question, chart: LoadCha
         duration=arguments.duration,
         pace=arguments.pace,
         start=np.radians(arguments.start),
+        only_slew=arguments.only_slew,
         qp_solver=question.qp_solver,
         **question.settings,
     )

@@ -22,6 +22,7 @@ from zmp_sqp.show.chart_tables import (
     load_text,
     load_unit,
     swing_notes,
+    swing_text,
     swing_title,
 )
 
@@ -81,7 +82,7 @@ def plot_swing(swing: SwingChart, path: str | Path) -> None:
     groups = [("height", 1), *((f"{text} m", 1) for text in length_texts(chart.radii))]
     table = []
     for row in range(len(chart.heights) - 1, -1, -1):
-        texts = [amount_text(load, unit) for load in swing.loads[row]]
+        texts = [swing_text(swing, row, column, unit) for column in range(len(chart.radii))]
         cells = [_Cell(text, NONE if text == OUT_OF_REACH else TIPS) for text in texts]
         table.append([_Cell(f"{length_texts(chart.heights)[row]} m", HEADER), *cells])
     title = f"{chart.machine.name}: {swing_title(swing)}"

@@ -30,11 +30,12 @@ __all__ = [
     "load_unit",
     "swing_notes",
     "swing_table",
+    "swing_text",
     "swing_title",
 ]
 
 TONNE = 1000.0  # [kg] largest load from which on loads are in tonnes
-OUT_OF_REACH = "-"
+OUT_OF_REACH, NOT_COMPUTED = "-", "?"
 CHART_KEYS = """\
 --json writes one object; SI units and radians, null where there is no value:
   machine, frame, com       the machine, the frame that carries the load, and the lift point in it,
@@ -48,9 +49,9 @@ CHART_KEYS = """\
   points                    list: height, radius [m], maximum_reach (whether it is the largest
                             radius of its height), sector, rated, limit, tipping, torque [kg] (null
                             where nothing limits them), and the joints' coordinates
-  swing                     null, or angle, start, duration, fastest, margin, complete and points:
-                            height, radius, load, duration, static_bound (the load that can be held
-                            at both ends)
+  swing                     null, or angle, start, duration, fastest, margin, only_slew, complete
+                            and points: height, radius, load, duration, static_bound (the load
+                            that can be held at both ends)
   versions                  of zmp-sqp, Python and the packages that the result depends on
 """
 
@@ -82,15 +83,24 @@ def swing_table(swing: SwingChart) -> Table:
     chart, unit = swing.chart, load_unit(swing.chart)
     table = _compact_table("height", *(f"{text} m" for text in length_texts(chart.radii)))
     for row in range(len(chart.heights) - 1, -1, -1):
-        cells = [amount_text(load, unit) for load in swing.loads[row]]
+        cells = [swing_text(swing, row, column, unit) for column in range(len(chart.radii))]
         table.add_row(f"{length_texts(chart.heights)[row]} m", *cells)
     return table
 
 
+def swing_text(swing: SwingChart, row: int, column: int, unit: str) -> str:
+    """Largest load of a swing; a dash out of reach, a question mark where it was not computed."""
+    load = float(swing.loads[row, column])
+    if np.isnan(load) and swing.chart.grid.reached[row, column] and not swing.complete:
+        return NOT_COMPUTED
+    return amount_text(load, unit)
+
+
 def swing_title(swing: SwingChart) -> str:
     """One line that says which swing it is."""
+    how = " of the slew joint alone" if swing.only_slew else ""
     return (
-        f"largest load [{load_unit(swing.chart)}] with a certified swing by "
+        f"largest load [{load_unit(swing.chart)}] with a certified swing{how} by "
         f"{np.degrees(swing.angle):g} degrees from {np.degrees(swing.start):g} degrees, "
         f"in at most {swing.duration:.4g} s"
     )
@@ -99,14 +109,16 @@ def swing_title(swing: SwingChart) -> str:
 def swing_notes(swing: SwingChart) -> list[str]:
     """What the loads of a swing mean and what they leave out, one sentence each."""
     kept = f"; the ZMP stays {swing.margin:g} m from the edges" if swing.margin else ""
+    drawn_in = "; on the way the planner may draw the load in"
+    way = ", which it keeps" if swing.only_slew else drawn_in
     notes = [
-        "Begins and ends at rest at this radius and height; on the way the planner may draw the "
-        f"load in. No fraction is applied{kept}. The load is rigid: it does not sway.",
+        f"Begins and ends at rest at this radius and height{way}. No fraction is applied{kept}. "
+        "The load is rigid: it does not sway.",
         NOT_A_SUBSTITUTE,
     ]
     if not swing.complete:
         done = int(np.isfinite(swing.loads).sum())
-        notes.insert(0, f"Interrupted: {done} points are done.")
+        notes.insert(0, f"Interrupted: {done} points are done; {NOT_COMPUTED}: not computed.")
     return notes
 
 
@@ -234,7 +246,7 @@ def chart_result(chart: LoadChart, swing: SwingChart | None) -> dict[str, Any]:
 
 
 def _swing_result(swing: SwingChart) -> dict[str, Any]:
-    keys = ("angle", "start", "duration", "fastest", "margin", "complete")
+    keys = ("angle", "start", "duration", "fastest", "margin", "only_slew", "complete")
     points = [_finite(record) for record in swing.records()]
     return {**{key: getattr(swing, key) for key in keys}, "points": points}
 
