@@ -154,6 +154,21 @@ def test_a_fixed_joint_mimics_nothing(tmp_path: Path) -> None:
     assert machine.model.njoints == 7
 
 
+def test_a_leader_without_mass_moves_that_of_its_mimics(tmp_path: Path) -> None:
+    """A knob that opens both jaws: no mass of its own, and no warning."""
+    text = edited('mimic joint="jaw"', 'mimic joint="knob"').replace("</robot>", "")
+    knob = (
+        '<link name="knob"/><joint name="knob" type="revolute"><parent link="base"/>'
+        '<child link="knob"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" velocity="1" '
+        'effort="1"/></joint></robot>'
+    )
+    machine = load(tmp_path, text + knob)  # warnings are errors here
+    assert machine.joint_names == ("turn", "lift", "jaw", "knob")
+    assert machine.mimics_of("knob") == ("a_other", "hook", "thumb")
+    with pytest.warns(zs.MachineWarning, match="nothing that these joints move has a mass: 'knob'"):
+        load(tmp_path, urdf("gripper").replace("</robot>", "") + knob)
+
+
 def test_a_multiplier_of_zero_holds_a_joint(tmp_path: Path) -> None:
     machine = load(tmp_path, edited('multiplier="-2.5" offset="0.3"', 'multiplier="0" offset="9"'))
     here, there = machine.configuration(np.array([[0.0, 0.0, 0.1], [0.0, 0.0, 0.4]]))

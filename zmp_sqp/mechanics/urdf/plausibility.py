@@ -62,7 +62,15 @@ def massless_chains(bodies: Mapping[str, Body], joints: Sequence[Joint], planned
         while link not in moved:
             moved.add(link)
             link = carrier.get(link, link)
-    light = [joint for joint in joints if joint.name in planned and joint.child not in moved]
+    mimics = {joint.name: joint.mimic for joint in joints}
+    moving: set[str] = set()  # joints that move mass, themselves or through joints that mimic them
+    for joint in joints:
+        name = joint.name if joint.child in moved else ""
+        while name and name not in moving:
+            moving.add(name)
+            mimic = mimics.get(name)
+            name = "" if mimic is None else mimic.joint
+    light = [joint for joint in joints if joint.name in planned and joint.name not in moving]
     if not light:
         return ""
     named = first([f"{joint.name!r} (link {joint.child!r})" for joint in light])
