@@ -123,7 +123,7 @@ def slew(
 
 # --- double integrator: a machine that cannot tip -----------------------------------------------
 
-BIG_FOOT = ((-1e3, -1e3), (1e3, -1e3), (1e3, 1e3), (-1e3, 1e3))
+BIG_FOOT = ((-1e2, -1e2), (1e2, -1e2), (1e2, 1e2), (-1e2, 1e2))
 
 
 def double_integrator_time(

@@ -4,6 +4,10 @@ Wrong input raises one of these at once. A well-posed problem for which no motio
 nothing: the returned plan says so in its status.
 """
 
+from __future__ import annotations
+
+import sys
+import warnings
 from typing import NamedTuple
 
 __all__ = [
@@ -23,6 +27,7 @@ __all__ = [
     "UnboundedAcceleration",
     "ZmpSqpError",
     "in_keys",
+    "warn_of_machine",
 ]
 
 
@@ -109,3 +114,12 @@ def in_keys(message: str) -> str:
     for advice in (GIVE_SUPPORT, GIVE_LIMITS, GIVE_EFFORT, HOLD):
         message = message.replace(advice.arguments, advice.keys)
     return message
+
+
+def warn_of_machine(text: str) -> None:
+    """Warn the user with a `MachineWarning` that points to the line that calls this library."""
+    package, level = __name__.partition(".")[0], 1
+    frame = sys._getframe()
+    while frame.f_back and frame.f_globals.get("__name__", "").partition(".")[0] == package:
+        frame, level = frame.f_back, level + 1
+    warnings.warn(text, MachineWarning, stacklevel=level)

@@ -6,9 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from zmp_sqp.errors import MachineError
+from tests.mechanics.test_urdf import TOY, write
+from zmp_sqp.errors import MachineError, MachineWarning
 from zmp_sqp.mechanics.limits import JointLimits
-from zmp_sqp.mechanics.urdf.limits_yaml import read_joint_limits
+from zmp_sqp.mechanics.urdf.limits_yaml import read_joint_limits, template
+from zmp_sqp.mechanics.urdf.loader import load_machine
 
 NAMES = ("slew", "boom")
 NAN = np.nan
@@ -98,7 +100,7 @@ joint_limits:
   slew: {has_velocity_limits: true, max_velocity: 0.3, has_acceleration_limits: false,
       max_acceleration: 7.0}
   boom: {max_velocity: 0.1, has_position_limits: true, min_position: -2, max_position: 2.5,
-      has_jerk_limits: true}
+      has_jerk_limits: false, max_jerk: 3.0}
 """,
     )
     np.testing.assert_array_equal(found.velocity, [0.3, 0.6])
@@ -178,3 +180,47 @@ def test_bad_files_are_refused_by_file_and_key(tmp_path: Path, text: str, named:
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(MachineError, match=r"cannot read joint limits .*none\.yaml: No such file"):
         read_joint_limits(tmp_path / "none.yaml", limits(), NAMES)
+
+
+@pytest.mark.parametrize("entries", ["{has_jerk_limits: true, max_jerk: 5.0}", "{max_jerk: 5.0}"])
+def test_jerk_limits_are_warned_of(tmp_path: Path, entries: str) -> None:
+    with pytest.warns(MachineWarning, match=r"joint_limits\.yaml: jerk limits .*'boom'") as said:
+        read(tmp_path, f"joint_limits: {{slew: {{has_jerk_limits: false}}, boom: {entries}}}")
+    assert said[0].filename == __file__
+
+
+def test_limits_of_joints_that_are_not_planned_are_warned_of(tmp_path: Path) -> None:
+    path = tmp_path / "joint_limits.yaml"
+    path.write_text("joint_limits: {mast: {max_velocity: fast}, slew: {}}")
+    with pytest.warns(MachineWarning, match="limits of joint 'mast' are ignored"):
+        read_joint_limits(path, limits(), NAMES, ("mast", "boom"))
+
+
+def test_a_drafted_file_gives_the_limits_that_it_was_made_of(tmp_path: Path) -> None:
+    text = TOY.replace('velocity="2"', 'velocity="1e-5"').replace('"turn"', '"on: off"')
+    urdf = write(tmp_path, text)
+    machine = load_machine(urdf, limits={"acceleration": 1e20})
+    known = template(machine)
+    assert "MISSING [" not in known
+    write(tmp_path, known, "joint_limits.yaml")
+    again = load_machine(urdf).limits
+    for key in ("position_lower", "position_upper", "velocity", "acceleration", "effort"):
+        np.testing.assert_array_equal(getattr(again, key), getattr(machine.limits, key))
+
+
+def test_a_drafted_file_marks_what_planning_lacks(tmp_path: Path) -> None:
+    urdf = write(tmp_path, TOY.replace('<limit lower="-1" upper="1" velocity="2" effort="3"/>', ""))
+    machine = load_machine(urdf)
+    missing = machine.limits.missing(machine.joint_names)
+    text = template(machine)
+    assert text.count("MISSING [") == len(missing) == 4
+    write(tmp_path, text, "joint_limits.yaml")
+    assert load_machine(urdf).limits.missing(machine.joint_names) == missing
+    for key in ("min_position", "max_position", "max_velocity", "max_acceleration"):
+        text = text.replace(f"    {key}:", f"    {key}: {-1.5 if key == 'min_position' else 1.5}")
+    for switch in ("position", "velocity", "acceleration"):
+        text = text.replace(f"has_{switch}_limits: false", f"has_{switch}_limits: true")
+    write(tmp_path, text, "joint_limits.yaml")
+    found = load_machine(urdf).limits
+    assert found.missing(machine.joint_names) == {}
+    assert (found.position_lower[0], found.acceleration[0]) == (-1.5, 1.5)

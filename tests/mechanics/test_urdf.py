@@ -246,7 +246,7 @@ def test_a_joint_may_be_called_as_pinocchio_calls_the_root(tmp_path: Path) -> No
     assert machine.index_v.tolist() == [6]
 
 
-def test_meshes_are_never_opened(tmp_path: Path) -> None:
+def test_meshes_that_cannot_be_found_are_no_error_unless_asked_for(tmp_path: Path) -> None:
     mesh = '<geometry><mesh filename="package://nowhere/none.stl"/></geometry>'
     path = write(
         tmp_path, edited("</link>", f"<visual>{mesh}</visual><collision>{mesh}</collision></link>")
@@ -254,7 +254,8 @@ def test_meshes_are_never_opened(tmp_path: Path) -> None:
     machine = load_machine(path)
     assert machine.mass == pytest.approx(12.0)
     assert machine.support is None
-    with pytest.raises(MachineError, match="contact link 'base' has a mesh"):
+    assert "'package://nowhere/none.stl' is not there" in machine.support_hint
+    with pytest.raises(MachineError, match="contact link 'base': mesh 'package://nowhere/none"):
         load_machine(path, support=["base"])
 
 

@@ -58,14 +58,17 @@ in radians; paths are relative to the scenario file:
   [machine]           name (of a shipped machine) or urdf (file); point_masses (true drops
                       rotational inertias); joint_limits (file), limits (table: position_lower,
                       position_upper, velocity, acceleration, effort); support (table: vertices,
-                      height) or contact_links
+                      height) or contact_links; srdf (file), joints or group (which are planned),
+                      hold (table: where the others are held), package_dirs, strict (refuse what
+                      only causes a warning otherwise)
   [machine.payload]   mass [kg], frame (name of a link), com [m] in that frame,
                       inertia [kg m^2] about com, 3 x 3 (default: a point mass)
   [ground]            roll_deg (negative leans the machine to its left), pitch_deg (positive is
                       nose down); level ground if left out
   [ground.heightmap]  in place of roll and pitch: file (CSV or NPY), resolution [m], origin [m]
-  [motion]            start, goal, start_velocity, goal_velocity: one number per joint;
-                      or start_deg, goal_deg, ... in degrees
+  [motion]            start, goal, start_velocity, goal_velocity: one number per joint, or a
+                      table { joint = number }; start and goal may be the name of a pose of the
+                      SRDF; or start_deg, goal_deg, ... in degrees
   [base]              a base that drives; start, goal: x, y, yaw [m, m, rad]; max_speed,
                       max_acceleration, max_yaw_rate, max_yaw_acceleration; start_velocity,
                       goal_velocity: speed, yaw rate; x_bounds, y_bounds [m]

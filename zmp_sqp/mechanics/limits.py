@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from zmp_sqp.arrays import Array, distinct_texts, finite_number, frozen_array
-from zmp_sqp.errors import HOLD, MachineError
+from zmp_sqp.errors import HOLD, MachineError, warn_of_machine
 
-__all__ = ["FULL_TURN", "LIMIT_TOLERANCE", "JointLimits", "position_fault"]
+__all__ = [
+    "FULL_TURN",
+    "LIMIT_TOLERANCE",
+    "JointLimits",
+    "ignored_limits",
+    "position_fault",
+    "without_unplanned",
+]
 
 POSITIONS = ("position_lower", "position_upper")
 RATES = ("velocity", "acceleration", "effort")
@@ -136,6 +143,34 @@ def position_fault(joint: str, value: float, *, lower: float, upper: float, unit
     if unit == "rad" and abs(value) > FULL_TURN and lower <= radians <= upper:
         words += f"; if it is meant in degrees, it is {radians:.4g} rad"
     return words
+
+
+def ignored_limits(joints: Sequence[str]) -> str:
+    """Sentence about limits for joints that are not planned."""
+    return f"limits of joint {', '.join(map(repr, joints))} are ignored: they are not planned"
+
+
+def without_unplanned(changes: Any, unplanned: Collection[str]) -> Any:
+    """Changes as `JointLimits.updated` takes them, without joints that are not planned.
+
+    What is left out is said in a `MachineWarning`. Anything but a mapping is returned as it is.
+
+    Args:
+        changes: Mapping from names of limits to a number, an array, or a mapping from joints.
+        unplanned: Names of the joints that are held or fixed.
+    """
+    if not isinstance(changes, Mapping):
+        return changes
+    found: dict[Any, Any] = {}
+    idle: dict[str, None] = {}
+    for key, change in changes.items():
+        found[key] = change
+        if isinstance(change, Mapping):
+            found[key] = {name: limit for name, limit in change.items() if name not in unplanned}
+            idle |= dict.fromkeys(name for name in change if name in unplanned)
+    if idle:
+        warn_of_machine(ignored_limits(list(idle)))
+    return found
 
 
 def _hint_on_order(key: str, joint_names: Sequence[str]) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -11,8 +10,9 @@ import numpy as np
 import pinocchio as pin
 
 from zmp_sqp.arrays import Array, Indices, finite_number, frozen_array
-from zmp_sqp.errors import MachineError, MachineWarning
+from zmp_sqp.errors import MachineError, warn_of_machine
 from zmp_sqp.mechanics.joint_coupling import JointCoupling
+from zmp_sqp.mechanics.likely_units import doubtful_support, machine_size
 from zmp_sqp.mechanics.limits import JointLimits
 from zmp_sqp.mechanics.payload import Payload
 from zmp_sqp.mechanics.plausible_payload import payload_doubts
@@ -42,6 +42,9 @@ class Machine:
         support: Support polygon in the root frame, or None if none is known.
         coupling: Map from the planned joints to all movable joints of the model; the others mimic
             planned ones.
+        held: Coordinates of the joints of the URDF that are held, by name [rad or m].
+        poses: Joint coordinates by joint, by name of the pose: the group states of the SRDF.
+        support_hint: How to give a support polygon where there is none; empty if it is not known.
     """
 
     name: str
@@ -50,6 +53,9 @@ class Machine:
     limits: JointLimits
     support: SupportPolygon | None
     coupling: JointCoupling = field(repr=False)
+    held: Mapping[str, float] = field(default_factory=dict, repr=False)
+    poses: Mapping[str, Mapping[str, float]] = field(default_factory=dict, repr=False)
+    support_hint: str = field(default="", repr=False)
 
     def __str__(self) -> str:
         """Name, mass, support polygon, and the planned joints with their units and limits."""
@@ -73,6 +79,31 @@ class Machine:
     def mass(self) -> float:
         """Total mass, including undercarriage and payloads [kg]."""
         return float(sum(inertia.mass for inertia in self.model.inertias))
+
+    @property
+    def unplanned(self) -> frozenset[str]:
+        """Names of the joints of the URDF that do not move: those that are held or fixed."""
+        return frozenset(
+            frame.name for frame in self.model.frames if frame.type == pin.FrameType.FIXED_JOINT
+        )
+
+    def pose(self, name: str) -> Array:
+        """Coordinates of the planned joints in one of the `poses`, shape (n,) [rad or m].
+
+        Raises:
+            MachineError: There is no such pose, or it lacks planned joints; the message names them.
+        """
+        if name not in self.poses:
+            raise MachineError(
+                f"machine {self.name!r} has no pose {name!r}; poses are "
+                f"{', '.join(self.poses) or 'none (they are group states of an SRDF)'}"
+            )
+        missing = [joint for joint in self.joint_names if joint not in self.poses[name]]
+        if missing:
+            raise MachineError(
+                f"pose {name!r} has no coordinate for joint {', '.join(map(repr, missing))}"
+            )
+        return np.array([self.poses[name][joint] for joint in self.joint_names])
 
     def configuration(self, q: Array) -> Array:
         """Pinocchio configurations of joint coordinates, with the root pose at the identity.
@@ -151,7 +182,7 @@ class Machine:
             raise MachineError(f"payload must be a Payload, not {type(payload).__name__}")
         loaded = replace(self, model=payload.attached_to(self.model))
         for doubt in payload_doubts(payload, self.mass, self.support):
-            warnings.warn(doubt, MachineWarning, stacklevel=2)
+            warn_of_machine(doubt)
         return loaded
 
     @property
@@ -270,6 +301,9 @@ class Machine:
         """
         if not isinstance(support, SupportPolygon):
             raise MachineError(f"support must be a SupportPolygon, not {type(support).__name__}")
+        doubt = doubtful_support(support, machine_size(self.model))
+        if doubt:
+            warn_of_machine(f"machine {self.name!r}: {doubt}")
         return replace(self, support=support)
 
     def with_point_masses(self) -> Machine:

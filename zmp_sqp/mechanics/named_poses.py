@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from zmp_sqp.arrays import Array
@@ -17,9 +15,10 @@ ZERO, MIDDLE = "zero", "middle"
 def named_poses(machine: Machine) -> dict[str, Array]:
     """Joint coordinates by name of the pose, shape (n,) each [rad or m].
 
-    The states of the machine's SRDF come first, in their order. 'zero' has all coordinates at zero,
-    or at the limit nearest to it; 'middle' has them in the middle of their limits, and where a
-    joint has no limits at zero. A state of the SRDF with one of these names takes its place.
+    The states of the machine's SRDF that name all planned joints come first, in their order. 'zero'
+    has all coordinates at zero, or at the limit nearest to it; 'middle' has them in the middle of
+    their limits, and where a joint has no limits at zero. A state of the SRDF with one of these
+    names takes its place.
     """
     lower, upper = machine.limits.position_lower, machine.limits.position_upper
     low, high = (
@@ -30,8 +29,11 @@ def named_poses(machine: Machine) -> dict[str, Array]:
     bounded = np.isfinite(low) & np.isfinite(high)
     middle = zero.copy()
     middle[bounded] = 0.5 * (low[bounded] + high[bounded])
-    given: Mapping[str, Array] = getattr(machine, "poses", None) or {}
-    found = {name: np.array(pose, dtype=np.float64) for name, pose in given.items()}
+    found = {
+        name: machine.pose(name)
+        for name, pose in machine.poses.items()
+        if all(joint in pose for joint in machine.joint_names)
+    }
     for name, pose in ((ZERO, zero), (MIDDLE, middle)):
         found.setdefault(name, pose)
     return found

@@ -14,6 +14,7 @@ import numpy as np
 from zmp_sqp.arrays import Array
 from zmp_sqp.errors import ScenarioError, ZmpSqpError, in_keys
 from zmp_sqp.mechanics import Machine, shipped_machines
+from zmp_sqp.mechanics.joint_values import by_joint
 from zmp_sqp.planning import Problem, UnicycleBase
 from zmp_sqp.scenario.path_constraints import build_constraints
 from zmp_sqp.scenario.scene import DEGREES, build_ground, build_machine, build_uncertainties
@@ -165,6 +166,9 @@ def _read_joints(motion: Mapping[str, Any], key: str, machine: Machine) -> Array
     if found not in motion:
         return None
     values, names = motion[found], machine.joint_names
+    where = f"[motion] {found}"
+    if not isinstance(values, list):
+        values = by_joint(values, machine, name=where, error=ScenarioError).tolist()
     if len(values) != len(names):
         raise ScenarioError(
             f"[motion] {found}: needs {len(names)} numbers ({', '.join(names)}), "

@@ -15,6 +15,7 @@ import numpy as np
 
 from zmp_sqp.errors import ProblemError
 from zmp_sqp.mechanics import Heightmap, Machine, Payload, Slope, SupportPolygon, load_machine
+from zmp_sqp.mechanics.limits import without_unplanned
 from zmp_sqp.mechanics.uncertainty import com_box
 from zmp_sqp.planning.problem.checks import UNCERTAINTIES
 from zmp_sqp.scenario.schema import PLAN
@@ -42,11 +43,15 @@ def build_machine(table: Mapping[str, Any], folder: Path) -> Machine:
         options["support"] = table["contact_links"]
     if "joint_limits" in table:
         options["limits"] = folder / table["joint_limits"]
+    if "srdf" in table:
+        options["srdf"] = folder / table["srdf"]
+    if "package_dirs" in table:
+        options["package_dirs"] = [folder / name for name in table["package_dirs"]]
+    options |= {key: table[key] for key in ("joints", "group", "hold", "strict") if key in table}
     machine = load_machine(table["name"] if "name" in table else folder / table["urdf"], **options)
     if "limits" in table:
-        machine = replace(
-            machine, limits=machine.limits.updated(table["limits"], machine.joint_names)
-        )
+        changes = without_unplanned(table["limits"], machine.unplanned)
+        machine = replace(machine, limits=machine.limits.updated(changes, machine.joint_names))
     if "payload" in table:
         machine = machine.with_payload(Payload(**table["payload"]))
     return machine.with_point_masses() if table.get("point_masses", False) else machine

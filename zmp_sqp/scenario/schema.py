@@ -53,14 +53,23 @@ def _is_list(value: Any, accepts: Callable[[Any], bool], length: int | None = No
     return isinstance(value, list) and all(map(accepts, value)) and length in (None, len(value))
 
 
+def _is_joints(value: Any) -> bool:
+    return _is_list(list(value.values()) if isinstance(value, dict) else value, _is_number)
+
+
 def _is_limit(value: Any) -> bool:
     values = list(value.values()) if isinstance(value, dict) else value
     return _is_number(value) or _is_list(values, _is_number)
 
 
 NUMBER = Value("a finite number", _is_number)
-NUMBERS = Value(
-    "a list of finite numbers, one per joint", lambda value: _is_list(value, _is_number)
+RATES = Value(
+    "a list of finite numbers, one per joint, or a table { joint = number }",
+    lambda value: _is_joints(value),
+)
+JOINTS = Value(
+    "a list of finite numbers, one per joint, a table { joint = number }, or the name of a pose",
+    lambda value: isinstance(value, str) or _is_joints(value),
 )
 INTEGER = Value("a whole number", lambda value: type(value) is int)
 INTERVALS = Value('a whole number or "auto"', lambda value: value == AUTO or type(value) is int)
@@ -69,6 +78,10 @@ TEXTS = Value("a list of strings", lambda value: _is_list(value, TEXT.accepts))
 FLAG = Value("true or false", lambda value: isinstance(value, bool))
 LIMIT = Value(
     "a finite number, a list of them with one per joint, or a table { joint = number }", _is_limit
+)
+COORDINATES = Value(
+    "a table { joint = number }",
+    lambda value: isinstance(value, dict) and all(map(_is_number, value.values())),
 )
 PAIR = Value("2 finite numbers", lambda value: _is_list(value, _is_number, 2))
 POINT = Value("3 finite numbers [x, y, z]", lambda value: _is_list(value, _is_number, 3))
@@ -102,12 +115,18 @@ MACHINE = Table(
         "point_masses": FLAG,
         "support": SUPPORT,
         "contact_links": TEXTS,
+        "srdf": TEXT,  # path of a file
+        "joints": TEXTS,  # that are planned
+        "group": TEXT,  # of the SRDF, whose joints are planned
+        "hold": COORDINATES,  # of joints that are not planned
+        "package_dirs": TEXTS,
+        "strict": FLAG,  # refuses what only causes a warning otherwise
         "joint_limits": TEXT,  # path of a joint_limits.yaml as MoveIt writes it
         "limits": LIMITS,
         "payload": PAYLOAD,
     },
     one_of=(("name", "urdf"),),
-    at_most_one_of=(("support", "contact_links"),),
+    at_most_one_of=(("support", "contact_links"), ("joints", "group")),
 )
 HEIGHTMAP = Table(
     {"file": TEXT, "resolution": NUMBER, "origin": PAIR}, required=("file", "resolution")
@@ -119,7 +138,11 @@ GROUND = Table(
 # keys of [motion], in radians; with _deg appended, in degrees
 JOINT_KEYS = ("start", "goal", "start_velocity", "goal_velocity")
 MOTION = Table(
-    {f"{key}{unit}": NUMBERS for key in JOINT_KEYS for unit in ("", "_deg")},
+    {
+        f"{key}{unit}": RATES if unit or key.endswith("velocity") else JOINTS
+        for key in JOINT_KEYS
+        for unit in ("", "_deg")
+    },
     one_of=(("start", "start_deg"), ("goal", "goal_deg")),
     at_most_one_of=(
         ("start_velocity", "start_velocity_deg"),

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from xml.parsers import expat
 
 from zmp_sqp.errors import MachineError
 from zmp_sqp.mechanics.urdf.elements import (
@@ -18,6 +17,7 @@ from zmp_sqp.mechanics.urdf.elements import (
     read_shape,
     spell,
 )
+from zmp_sqp.mechanics.urdf.xml_reader import parse_xml
 
 __all__ = ["UrdfDescription", "read_description"]
 
@@ -43,6 +43,7 @@ class UrdfDescription:
         bodies: Mass properties of the links that have an <inertial>, by name of the link.
         joints: All joints, in the order of the file.
         shapes: Collision shapes of every link, by name of the link.
+        visuals: Visual shapes of every link that can be read, by name of the link.
         xml: URDF for Pinocchio, without visual and collision elements.
     """
 
@@ -51,6 +52,7 @@ class UrdfDescription:
     bodies: Mapping[str, Body]
     joints: tuple[Joint, ...]
     shapes: Mapping[str, tuple[Shape, ...]]
+    visuals: Mapping[str, tuple[Shape, ...]]
     xml: str
 
 
@@ -91,40 +93,27 @@ def read_description(content: bytes) -> UrdfDescription:
         link.attrib["name"]: tuple(map(read_shape, link.findall("collision/geometry/..")))
         for link in links
     }
-    return UrdfDescription(robot.attrib["name"], root, bodies, chain, shapes, _for_pinocchio(robot))
+    visuals = {link.attrib["name"]: tuple(_visuals(link)) for link in links}
+    return UrdfDescription(
+        robot.attrib["name"], root, bodies, chain, shapes, visuals, _for_pinocchio(robot)
+    )
 
 
 def _parse(content: bytes) -> ET.Element:
-    """Root element <robot> of a URDF, without the XML features that this library refuses."""
-    if not content.strip():
-        raise MachineError("the file is empty")
-    guard = expat.ParserCreate()
-
-    def refuse(*_: object) -> None:
-        raise MachineError(
-            f"line {guard.CurrentLineNumber}: DOCTYPE and ENTITY declarations are refused"
-        )
-
-    guard.StartDoctypeDeclHandler = guard.EntityDeclHandler = refuse
-    try:
-        guard.Parse(content, True)
-        robot = ET.fromstring(content)
-    except (expat.ExpatError, ET.ParseError) as fault:
-        # the parser's text names line and column
-        raise MachineError(f"not well-formed XML: {fault}") from None
-    except (LookupError, ValueError) as fault:
-        raise MachineError(f"not XML that can be read: {fault}") from None
-    if robot.tag != "robot":
-        raise MachineError(f"not a URDF: its root element is <{robot.tag}>, not <robot>")
-    for element in robot.iter():
-        if "xacro" in element.tag:
-            raise MachineError(
-                f"<{element.tag.split('}')[-1]}> is xacro: "
-                "expand the file with the xacro tool first"
-            )
+    """Root element <robot> of a URDF."""
+    robot = parse_xml(content, "robot", "a URDF")
     if not robot.get("name"):
         raise MachineError("<robot> has no name")
     return robot
+
+
+def _visuals(link: ET.Element) -> Iterator[Shape]:
+    """Visual shapes of a link whose numbers can be read."""
+    for visual in link.findall("visual/geometry/.."):
+        try:
+            yield read_shape(visual)
+        except MachineError:
+            continue
 
 
 def _check_numbers(element: ET.Element) -> None:

@@ -14,6 +14,7 @@ from zmp_sqp.errors import MachineError
 
 __all__ = [
     "MOVABLE",
+    "UNPLANNED",
     "Body",
     "Joint",
     "Mimic",
@@ -25,7 +26,8 @@ __all__ = [
     "spell",
 ]
 
-MOVABLE = ("revolute", "continuous", "prismatic")  # types of the joints that are planned
+MOVABLE = ("revolute", "continuous", "prismatic")  # types of joints that can be planned
+UNPLANNED = ("planar", "floating")  # types of joints that can only be held at zero
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -64,7 +66,7 @@ class Joint:
 
     Attributes:
         name: Name of the joint.
-        kind: Type in the URDF, one of `MOVABLE` or 'fixed'.
+        kind: Type in the URDF, one of `MOVABLE` and `UNPLANNED`, or 'fixed'.
         parent: Name of the parent link.
         child: Name of the child link.
         lower: Lowest coordinate [rad or m].
@@ -72,6 +74,7 @@ class Joint:
         velocity: Largest rate [rad/s or m/s].
         effort: Largest torque or force [N m or N].
         mimic: Joint that this one follows, or None; a fixed joint follows none.
+        axis: Direction in which the joint turns or slides, link frame, shape (3,).
     """
 
     name: str
@@ -83,6 +86,7 @@ class Joint:
     velocity: float
     effort: float
     mimic: Mimic | None = None
+    axis: tuple[float, ...] = (1.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,12 +99,16 @@ class Shape:
             mesh [m].
         rotation: Rotation from the axes of the shape to those of the link, shape (3, 3).
         translation: Centre of the shape in the link frame, shape (3,) [m].
+        filename: File of a mesh as the URDF names it; empty for anything else.
+        scale: Factors of a mesh's x, y and z.
     """
 
     kind: str
     dimensions: tuple[float, ...]
     rotation: Array
     translation: Array
+    filename: str = ""
+    scale: tuple[float, ...] = (1.0, 1.0, 1.0)
 
 
 def numbers(element: ET.Element, attribute: str, count: int, where: str) -> tuple[float, ...]:
@@ -146,9 +154,10 @@ def read_joint(element: ET.Element) -> Joint:
             impossible limits; the message names the joint.
     """
     where, kind = spell(element), element.get("type", "")
-    if kind not in (*MOVABLE, "fixed"):
+    if kind not in (*MOVABLE, *UNPLANNED, "fixed"):
         raise MachineError(
-            f"{where} has type {kind!r}; supported are {', '.join(MOVABLE)} and fixed"
+            f"{where} has type {kind!r}; supported are "
+            f"{', '.join((*MOVABLE, *UNPLANNED))} and fixed"
         )
     ends = []
     for tag in ("parent", "child"):
@@ -157,8 +166,29 @@ def read_joint(element: ET.Element) -> Joint:
             raise MachineError(f"{where} has no <{tag} link>")
         ends.append(end.attrib["link"])
     axis = element.find("axis")
-    if kind != "fixed" and axis is not None and not any(numbers(axis, "xyz", 3, where)):
-        raise MachineError(f"{where}: its axis is zero")
+    direction: tuple[float, ...] = (1.0, 0.0, 0.0)
+    if axis is not None and kind in (*MOVABLE, "planar"):
+        direction = numbers(axis, "xyz", 3, where)
+        if not any(direction):
+            raise MachineError(f"{where}: its axis is zero")
+    lower, upper, velocity, effort = _limits(element, kind, where)
+    mimic = element.find("mimic") if kind != "fixed" else None
+    return Joint(
+        element.attrib["name"],
+        kind,
+        ends[0],
+        ends[1],
+        lower,
+        upper,
+        velocity,
+        effort,
+        mimic=None if mimic is None else _mimic(mimic, where),
+        axis=direction,
+    )
+
+
+def _limits(element: ET.Element, kind: str, where: str) -> tuple[float, float, float, float]:
+    """Lower and upper position limit, velocity and effort limit of a joint; NaN where not given."""
     lower = upper = velocity = effort = nan
     limit = element.find("limit")
     if limit is not None and kind != "fixed":
@@ -177,22 +207,13 @@ def read_joint(element: ET.Element) -> Joint:
             lower, upper = given.get("lower", 0.0), given.get("upper", 0.0)
     if kind == "continuous":
         lower, upper = -np.inf, np.inf
+    if kind in UNPLANNED:
+        lower = upper = nan
     if lower > upper:
         raise MachineError(
             f"{where}: lower position limit {lower} is above upper position limit {upper}"
         )
-    mimic = element.find("mimic") if kind != "fixed" else None
-    return Joint(
-        element.attrib["name"],
-        kind,
-        ends[0],
-        ends[1],
-        lower,
-        upper,
-        velocity,
-        effort,
-        mimic=None if mimic is None else _mimic(mimic, where),
-    )
+    return lower, upper, velocity, effort
 
 
 def _mimic(element: ET.Element, where: str) -> Mimic:
@@ -249,6 +270,9 @@ def read_shape(collision: ET.Element) -> Shape:
             return Shape("cylinder", size, rotation, translation)
         if solid.tag == "sphere":
             return Shape("sphere", numbers(solid, "radius", 1, "collision"), rotation, translation)
+        if solid.tag == "mesh":
+            scale = numbers(solid, "scale", 3, "mesh") if "scale" in solid.attrib else (1.0,) * 3
+            return Shape("mesh", (), rotation, translation, solid.get("filename", ""), scale)
     return Shape("mesh", (), rotation, translation)
 
 

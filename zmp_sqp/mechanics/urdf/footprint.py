@@ -2,149 +2,262 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from itertools import product
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
-from zmp_sqp.arrays import Array
+from zmp_sqp.arrays import Array, length_text
 from zmp_sqp.errors import MachineError
 from zmp_sqp.mechanics.support import SupportPolygon
+from zmp_sqp.mechanics.urdf.contact_points import LEVEL, axle_of, link_placement, lowest_points
 from zmp_sqp.mechanics.urdf.description import UrdfDescription
 from zmp_sqp.mechanics.urdf.elements import Shape
+from zmp_sqp.mechanics.urdf.meshes import MeshFolders
+from zmp_sqp.mechanics.urdf.plausibility import first
 
-__all__ = ["footprint", "footprint_of_links"]
+__all__ = ["Footprint", "footprint", "footprint_of_links"]
 
-LEVEL = 0.01  # [m] largest height above the lowest point at which a point touches the ground, too
-# number of points on the rim of an upright cylinder; they form an inscribed polygon, which is never
-# larger than the disc
-RIM_POINTS = 32
+# A contact may end this much above the lowest one: LEVEL, or this share of the machine's width if
+# that is more, but never more than MOST [m].
+SHARE, MOST = 5e-3, 0.02
+Contact = tuple[str, Array]  # name of a link, and the lowest points of one of its shapes
+NEAR = 3.0  # times that height, up to which a contact that is left out is worth a word
+GROWTH = 2.0  # times the polygon's area, beyond which raised parts of links that stand are, too
+# corners of a polygon, every one of which is a constraint; rounded meshes have hundreds
+MOST_CORNERS = 32
+SLAB = 0.1  # share of the machine's width within which shapes suggest a support polygon
 
 
-def footprint(description: UrdfDescription, model: Any) -> SupportPolygon | None:
-    """Support polygon of the root link and all links fixed to it.
+@dataclass(frozen=True, slots=True, eq=False)
+class Footprint:
+    """Support polygon of a URDF, and what there is to say about it.
 
-    The polygon is the convex hull of the lowest points of their collision shapes.
+    Attributes:
+        polygon: The polygon, or None if the URDF gives none.
+        said: Sentence for a warning; empty if there is nothing to warn of.
+        hint: How to give a polygon, where there is none.
+    """
+
+    polygon: SupportPolygon | None
+    said: str = ""
+    hint: str = ""
+
+
+def footprint(description: UrdfDescription, model: Any, meshes: MeshFolders) -> Footprint:
+    """Support polygon of all links that the planned joints do not move.
+
+    It is the convex hull of the points in which their collision shapes touch the ground.
 
     Args:
         description: Content of the URDF.
-        model: Pinocchio model of the URDF.
-
-    Returns:
-        Polygon in the plane of the lowest point; None if the shapes span no polygon, or if one of
-        them is a mesh.
+        model: Pinocchio model of the URDF, in which held joints are fixed.
+        meshes: Folders in which meshes may lie.
     """
-    links = [
-        link for link in description.shapes if model.frames[_frame(model, link)].parentJoint == 1
-    ]
-    if any(shape.kind == "mesh" for link in links for shape in description.shapes[link]):
-        return None
-    points = np.concatenate(
-        [np.empty((0, 3)), *(_contacts(description, model, link) for link in links)]
-    )
+    still = [link for link in description.shapes if link_placement(model, link) is not None]
     try:
-        return _hull(points)
-    except MachineError:
-        return None
+        contacts = [
+            (link, points)
+            for link in still
+            for points in _contacts(description, model, link, description.shapes[link], meshes)
+        ]
+    except MachineError as fault:
+        why, contacts = str(fault), []
+    else:
+        why = "no link that stands still has a collision shape"
+        if contacts:
+            try:
+                return _polygon(contacts)
+            except MachineError as fault:
+                why = str(fault)
+    return Footprint(None, hint=why + _suggestion(description, model, still, meshes))
 
 
 def footprint_of_links(
-    description: UrdfDescription, model: Any, links: Sequence[str]
-) -> SupportPolygon:
-    """Support polygon of given links: convex hull of the lowest points of their collision shapes.
+    description: UrdfDescription, model: Any, links: Sequence[str], meshes: MeshFolders
+) -> Footprint:
+    """Support polygon of given links: convex hull of the points in which they touch the ground.
 
     Args:
         description: Content of the URDF.
-        model: Pinocchio model of the URDF.
+        model: Pinocchio model of the URDF, in which held joints are fixed.
         links: Names of the contact links.
+        meshes: Folders in which meshes may lie.
 
     Raises:
-        MachineError: A link is unknown, moves with a joint, has no collision shape or a mesh, or is
-            higher above the ground than the others; or the links span no polygon. The message
-            names the link.
+        MachineError: A link is unknown, moves with a planned joint, has no collision shape or a
+            mesh that cannot be read, or is higher above the ground than the others; or the links
+            span no polygon. The message names the link.
     """
-    contacts = {}
+    contacts: list[Contact] = []
     for link in links:
         if link not in description.shapes:
             raise MachineError(
                 f"there is no contact link {link!r}; links are {', '.join(description.shapes)}"
             )
-        joint = model.frames[_frame(model, link)].parentJoint
-        if joint != 1:
+        if link_placement(model, link) is None:
+            joint = _moved_by(description, model, link)
             raise MachineError(
-                f"contact link {link!r} moves with joint {model.names[joint]!r}: "
-                "contacts must be fixed to the root"
+                f"contact link {link!r} moves with joint {joint!r}, which is planned: hold that "
+                f"joint, hold={{{joint!r}: 0.0}}, or plan others, joints=[...]"
             )
         shapes = description.shapes[link]
         if not shapes:
             raise MachineError(f"contact link {link!r} has no collision shape")
-        if any(shape.kind == "mesh" for shape in shapes):
-            raise MachineError(
-                f"contact link {link!r} has a mesh for a collision shape: "
-                "only box, cylinder and sphere are read"
-            )
-        contacts[link] = _contacts(description, model, link)
+        try:
+            found = _contacts(description, model, link, shapes, meshes)
+        except MachineError as fault:
+            raise MachineError(f"contact {fault}") from None
+        contacts += [(link, points) for points in found]
     if not contacts:
         raise MachineError("support names no contact links")
-    ground = min(points[:, 2].min() for points in contacts.values())
-    for link, points in contacts.items():
-        if points[:, 2].min() > ground + LEVEL:
+    ground, tolerance = _ground(contacts)
+    for link in links:
+        low = min(points[:, 2].min() for name, points in contacts if name == link)
+        if low > ground + tolerance:
             raise MachineError(
-                f"contact link {link!r} ends {points[:, 2].min() - ground:.3f} m "
-                "above the lowest contact"
+                f"contact link {link!r} ends {low - ground:.3f} m above the lowest contact"
             )
-    return _hull(np.concatenate(list(contacts.values())))
+    return _polygon(contacts)
 
 
-def _hull(points: Array) -> SupportPolygon:
-    """Support polygon of those points (P, 3) that lie within `LEVEL` of the lowest one."""
-    if not len(points):
-        raise MachineError("there are no contact points")
-    height = float(points[:, 2].min())
-    return SupportPolygon.convex_hull(points[points[:, 2] <= height + LEVEL, :2], height)
+def _contacts(
+    description: UrdfDescription,
+    model: Any,
+    link: str,
+    shapes: Sequence[Shape],
+    meshes: MeshFolders,
+) -> list[Array]:
+    """Lowest points of each of a link's shapes, root frame, shape (P, 3) [m]; the link is still."""
+    axle, placement = axle_of(description, model, link), link_placement(model, link)
+    points = []
+    for shape in shapes:
+        try:
+            points.append(lowest_points(shape, placement, axle, meshes))
+        except MachineError as fault:
+            raise MachineError(f"link {link!r}: {fault}") from None
+    return points
 
 
-def _contacts(description: UrdfDescription, model: Any, link: str) -> Array:
-    """Lowest points of the shapes of a link fixed to the root, root frame, shape (P, 3) [m]."""
-    placement = model.frames[_frame(model, link)].placement
-    points = [_lowest(shape, placement) for shape in description.shapes[link]]
-    return np.concatenate([np.empty((0, 3)), *points])
+def _ground(contacts: Sequence[Contact]) -> tuple[float, float]:
+    """Height of the lowest contact, and how far above it another may end [m]."""
+    points = np.concatenate([points for _, points in contacts])
+    ground = float(points[:, 2].min())
+    low = points[points[:, 2] <= ground + NEAR * MOST]
+    width = float(np.linalg.norm(np.ptp(low[:, :2], axis=0)))
+    # rounding of sums of decimal numbers must not decide
+    return ground, min(max(LEVEL, SHARE * width), MOST) + 1e-9
 
 
-def _lowest(shape: Shape, link: Any) -> Array:
-    """Lowest points of a shape on a link with the given placement, root frame, shape (P, 3) [m]."""
-    rotation = link.rotation @ shape.rotation
-    centre = link.translation + link.rotation @ shape.translation
-    if shape.kind == "sphere":
-        return np.asarray(centre - [0.0, 0.0, shape.dimensions[0]])[None]
-    if shape.kind == "box":
-        points = (
-            centre + np.array(list(product((-0.5, 0.5), repeat=3))) * shape.dimensions @ rotation.T
-        )
-    else:
-        points = _rims(rotation, shape.dimensions[0], shape.dimensions[1]) + centre
-    return np.asarray(points[points[:, 2] <= points[:, 2].min() + LEVEL])
+def _polygon(contacts: Sequence[Contact]) -> Footprint:
+    """Support polygon of those contacts, (P, 3) each, that touch the ground."""
+    ground, tolerance = _ground(contacts)
+    touching = [(link, points[points[:, 2] <= ground + tolerance]) for link, points in contacts]
+    higher = [
+        (link, points)
+        for link, points in contacts
+        if ground + tolerance < points[:, 2].min() <= ground + NEAR * tolerance
+    ]
+    try:
+        polygon = _hull(touching, ground)
+    except MachineError as fault:
+        said = f" ({_left_out(higher, ground)} left out)" if higher else ""
+        raise MachineError(f"{fault}{said}") from None
+    standing = {link for link, points in touching if len(points)}
+    # a link that stands may have raised ends, as tracks have
+    larger = _area(_hull([*touching, *higher], ground)) > GROWTH * _area(polygon)
+    missed = [
+        (link, points)
+        for link, points in higher
+        if (polygon.signed_distance(points[:, :2]) < -tolerance).any()
+        and (larger or link not in standing)
+    ]
+    if not missed:
+        return Footprint(polygon)
+    return Footprint(
+        polygon,
+        f"the support polygon leaves out {_left_out(missed, ground)}: "
+        "give support= if the ground reaches there",
+    )
 
 
-def _rims(rotation: Array, radius: float, length: float) -> Array:
-    """Points on the two rims of a cylinder, relative to its centre, shape (P, 3) [m].
-
-    Each rim has `RIM_POINTS` points if the cylinder is upright, otherwise its lowest point only.
-    """
-    axis = rotation[:, 2]
-    # projection of the downward direction onto the plane of the rims; its length is sin(tilt)
-    down = np.array([0.0, 0.0, -1.0]) + axis[2] * axis
-    tilt = float(np.linalg.norm(down))
-    if 2.0 * radius * tilt > LEVEL:
-        rim = radius * down[None] / tilt
-    else:
-        angles = np.linspace(0.0, 2.0 * np.pi, RIM_POINTS, endpoint=False)
-        rim = radius * np.column_stack([np.cos(angles), np.sin(angles)]) @ rotation[:, :2].T
-    return np.concatenate([rim - 0.5 * length * axis, rim + 0.5 * length * axis])
+def _hull(contacts: Sequence[Contact], height: float) -> SupportPolygon:
+    """Support polygon of some contacts; of many corners those that matter most."""
+    points = np.concatenate([points[:, :2] for _, points in contacts])
+    polygon = SupportPolygon.convex_hull(points, height)
+    corners = polygon.vertices
+    if len(corners) <= MOST_CORNERS:
+        return polygon
+    while len(corners) > MOST_CORNERS:  # without the corner that takes the least area with it
+        to, fro = np.roll(corners, -1, axis=0) - corners, np.roll(corners, 1, axis=0) - corners
+        corners = np.delete(corners, np.argmin(to[:, 0] * fro[:, 1] - to[:, 1] * fro[:, 0]), axis=0)
+    return SupportPolygon.convex_hull(corners, height)
 
 
-def _frame(model: Any, link: str) -> int:
-    """Index of the frame of a link."""
-    return int(model.getFrameId(link, pin.FrameType.BODY))
+def _area(polygon: SupportPolygon) -> float:
+    """Area of a polygon [m^2]."""
+    (x, y), (far_x, far_y) = polygon.vertices.T, np.roll(polygon.vertices, -1, axis=0).T
+    return float(0.5 * (x @ far_y - y @ far_x))
+
+
+def _left_out(contacts: Sequence[Contact], ground: float) -> str:
+    """Links that end just above the contacts, in words."""
+    gaps: dict[str, float] = {}
+    for link, points in contacts:
+        gaps[link] = min(gaps.get(link, np.inf), float(points[:, 2].min()) - ground)
+    named = [f"link {link!r}, {length_text(gap)} above the ground" for link, gap in gaps.items()]
+    return first(named)
+
+
+def _moved_by(description: UrdfDescription, model: Any, link: str) -> str:
+    """Name of the joint that moves a link."""
+    above = {joint.child: joint for joint in description.joints}
+    while not model.existJointName(above[link].name):
+        link = above[link].parent
+    return above[link].name
+
+
+def _suggestion(
+    description: UrdfDescription, model: Any, still: Sequence[str], meshes: MeshFolders
+) -> str:
+    """Bounding rectangle of the shapes near the ground, as code; empty if there are none."""
+    found = [
+        points
+        for shapes in (description.shapes, description.visuals)
+        for points in _readable(description, model, still, shapes, meshes)
+    ]
+    if not found:
+        return ""
+    points = np.concatenate(found)
+    width = float(np.linalg.norm(np.ptp(points[:, :2], axis=0)))
+    ground = float(points[:, 2].min())
+    low = points[points[:, 2] <= ground + max(SLAB * width, LEVEL)]
+    (x, y), (far_x, far_y) = low[:, :2].min(axis=0), low[:, :2].max(axis=0)
+    if min(far_x - x, far_y - y) < LEVEL:
+        return ""
+    corners = ", ".join(
+        f"[{a:.3f}, {b:.3f}]" for a, b in ((x, y), (far_x, y), (far_x, far_y), (x, far_y))
+    )
+    return (
+        "; if it stands on the rectangle around its lowest shapes: "
+        f"support=zs.SupportPolygon([{corners}], height={ground:.3f})"
+    )
+
+
+def _readable(
+    description: UrdfDescription,
+    model: Any,
+    still: Sequence[str],
+    shapes: Mapping[str, tuple[Shape, ...]],
+    meshes: MeshFolders,
+) -> list[Array]:
+    """Lowest points of those shapes that can be read."""
+    found = []
+    for link in still:
+        for shape in shapes.get(link, ()):
+            try:
+                found += _contacts(description, model, link, [shape], meshes)
+            except MachineError:
+                continue
+    return found

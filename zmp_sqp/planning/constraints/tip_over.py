@@ -227,8 +227,9 @@ def supported(machine: Machine) -> SupportPolygon:
         ProblemError: The machine has no support polygon.
     """
     if machine.support is None:
+        hint = f" ({machine.support_hint})" if machine.support_hint else ""
         raise ProblemError(
-            f"machine {machine.name!r} has no support polygon: {GIVE_SUPPORT.arguments}"
+            f"machine {machine.name!r} has no support polygon: {GIVE_SUPPORT.arguments}{hint}"
         )
     return machine.support
 

@@ -11,6 +11,7 @@ from zmp_sqp.arrays import Array, frozen_array, shortened
 from zmp_sqp.errors import ProblemError
 from zmp_sqp.mechanics.coordinates import Coordinates
 from zmp_sqp.mechanics.ground import Ground, Slope
+from zmp_sqp.mechanics.joint_values import by_joint
 from zmp_sqp.mechanics.lumped_mass import simplified_coordinates
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.uncertainty import Corner, com_box, corners
@@ -63,8 +64,9 @@ class Problem:
 
     Attributes:
         machine: The machine, with its payload, limits and support polygon.
-        start: Joint coordinates at the start, shape (n,) [rad or m].
-        goal: Joint coordinates at the goal, shape (n,) [rad or m].
+        start: Joint coordinates at the start, shape (n,) [rad or m]. They can be given as a mapping
+            from joint names, or as the name of one of the machine's poses.
+        goal: Joint coordinates at the goal, like the start's.
         ground: Ground that the machine stands or drives on: a Slope, a Heightmap, or any object
             with their method `gravity(yaw)`.
         start_velocity: Joint rates at the start, shape (n,) [rad/s or m/s]; None is rest.
@@ -161,6 +163,8 @@ class Problem:
         if given is None and name.endswith("velocity"):
             given = np.zeros(len(joints))
         shape = (len(joints),)
+        if not (isinstance(given, str) and name.endswith("velocity")):
+            given = by_joint(given, self.machine, name=name, error=ProblemError)
         return frozen_array(given, name=name, shape=shape, error=ProblemError, labels=joints)
 
     def _planned(self) -> Coordinates:
