@@ -3,30 +3,61 @@
 from __future__ import annotations
 
 import re
+import shlex
 from pathlib import Path
 
 import pytest
 
+import zmp_sqp.cli as cli
 from tests.test_packaging import LAYERS, LEAVES
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = sorted((ROOT / "docs").glob("*.md"))
 ARCHITECTURE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
-BLOCKS = re.compile(r"^```python\n(.*?)^```", re.DOTALL | re.MULTILINE)
+YOUR_MACHINE = (ROOT / "docs" / "your-machine.md").read_text(encoding="utf-8")
+BLOCKS = re.compile(r"^```(python|sh|xml|yaml|toml)\n(.*?)^```", re.DOTALL | re.MULTILINE)
 
 
 @pytest.mark.parametrize("path", DOCS, ids=lambda path: path.name)
-def test_every_python_block_runs(path: Path) -> None:
+def test_every_block_runs(
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Files are written, commands run with the exit code that is expected, Python is executed."""
+    monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {"__name__": "__main__"}
     text = path.read_text(encoding="utf-8")
     for found in BLOCKS.finditer(text):
-        above = text.count("\n", 0, found.start(1))  # so that a traceback names the page's line
-        code = "\n" * above + found.group(1)
-        exec(compile(code, str(path), "exec", dont_inherit=True), names)
+        language, block = found.groups()
+        if language in ("xml", "yaml", "toml"):
+            name = block.split("\n", 1)[0].strip("#<!-> ")
+            Path(name).write_text(block, encoding="utf-8")
+        elif language == "sh":
+            for line in block.splitlines():
+                run_line(line)
+        else:
+            above = text.count("\n", 0, found.start(2))  # so that a traceback names the page's line
+            code = "\n" * above + block
+            exec(compile(code, str(path), "exec", dont_inherit=True), names)
+    capsys.readouterr()
 
 
-def test_the_page_on_architecture_has_code() -> None:
+def run_line(line: str) -> None:
+    """Run a line `zmp-sqp ... # exit code N`; without the comment, the exit code must be 0."""
+    program, *arguments = shlex.split(line, comments=True)
+    assert program == "zmp-sqp", line
+    expected = re.search(r"# exit code (\d)", line)
+    assert cli.main(arguments) == (int(expected.group(1)) if expected else 0), line
+
+
+def test_the_pages_have_code() -> None:
     assert len(BLOCKS.findall(ARCHITECTURE)) >= 4
+    commands = {
+        line.split()[1]
+        for language, block in BLOCKS.findall(YOUR_MACHINE)
+        for line in block.splitlines()
+        if language == "sh"
+    }
+    assert commands >= {"inspect", "init", "plan", "check"}
 
 
 @pytest.mark.parametrize("path", DOCS, ids=lambda path: path.name)

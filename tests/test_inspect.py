@@ -127,6 +127,28 @@ def test_the_tip_is_the_outermost_link_and_else_its_centre_of_mass() -> None:
     np.testing.assert_allclose(crane.tip_offset, [2.0, 0.0, 0.0], atol=1e-9)
 
 
+def with_more(more: str) -> str:
+    return BARE.replace("</robot>", f"{more}</robot>")
+
+
+def test_the_slew_turns_the_tip_and_nothing_follows_it(tmp_path: Path) -> None:
+    mast = """<link name="lamp"><inertial><mass value="2"/>
+        <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+      <joint name="swivel" type="continuous"><parent link="base"/><child link="lamp"/>
+        <axis xyz="0 0 1"/>{mimic}<limit velocity="0.5" effort="1"/></joint>"""
+    path = tmp_path / "lamp.urdf"
+    path.write_text(with_more(mast.format(mimic="")), encoding="utf-8")
+    free = zs.inspect(zs.load_machine(path))
+    assert (free.slew, free.tip) == ("slew", "trolley")  # the swivel turns the lamp alone
+    assert zs.inspect(zs.load_machine(path), tip="lamp").slew == "swivel"
+    path.write_text(with_more(mast.format(mimic='<mimic joint="slew"/>')), encoding="utf-8")
+    coupled = zs.inspect(zs.load_machine(path))
+    assert coupled.slew == ""
+    assert all(pose.worst is None for pose in coupled.poses)
+    [lamp] = [link for link in coupled.links if link.name == "lamp"]
+    assert (lamp.planned, lamp.motion) == (False, "turns")
+
+
 def test_poses_of_the_user_are_checked(bare: Path) -> None:
     machine = zs.load_machine(bare)
     found = zs.inspect(machine, poses={"parked": [1.0, 0.3]})
@@ -197,6 +219,8 @@ def test_json_holds_every_key_that_help_lists(
     assert result["joints"]["slew"]["position_lower"] is None
     assert result["missing"] == {"acceleration": ["slew", "travel"]}
     assert result["support"]["edges"] == ["right", "front", "left", "rear"]
+    assert set(result["support"]) == {"vertices", "height", "edges", "source"}
+    assert "no planned joint moves" in result["support"]["source"]
     assert result["poses"]["middle"]["tipping"]["edge"] == "front"
     assert "bare_crane" in captured.err
 
@@ -210,8 +234,11 @@ def test_options_change_ground_load_point_and_machine(capsys: pytest.CaptureFixt
     assert result["tip_offset"] == [0.0, 0.0, 3.3]
     assert result["poses"]["zero"]["edge"] == "left"
     assert result["poses"]["zero"]["margin"] < 0.5
-    assert cli.main(["inspect", "feller_buncher", "--tip", "stick", "--json", "-"]) == 0
-    assert json.loads(capsys.readouterr().out)["tip"] == "stick"
+    tracks = ["--contact-links", "left_track", "right_track"]
+    assert cli.main(["inspect", "feller_buncher", "--tip", "stick", *tracks, "--json", "-"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    assert result["tip"] == "stick"
+    assert "left_track, right_track" in result["support"]["source"]
 
 
 def test_warnings_of_loading_are_listed(
@@ -276,6 +303,42 @@ def test_shapes_are_hulls_of_their_corners(bare: Path) -> None:
     assert len(corners) == 4
     assert len(hull(np.array([[0.0, 0.0], [1.0, 1.0], [0.5, 0.5]]))) == 2
     assert len(hull(np.zeros((3, 2)))) == 1
+
+
+STL = """solid wedge
+facet normal 0 0 1
+outer loop
+vertex 0 0 0
+vertex 2 0 0
+vertex 0 1 0
+endloop
+endfacet
+facet normal 0 0 1
+outer loop
+vertex 0 0 0
+vertex 2 0 0
+vertex 0 0 3
+endloop
+endfacet
+endsolid wedge
+"""
+
+
+def test_meshes_are_drawn_by_their_hull_unless_they_lie_elsewhere(tmp_path: Path) -> None:
+    folder = tmp_path / "machine"
+    folder.mkdir()
+    for place in (folder, tmp_path):
+        (place / "wedge.stl").write_text(STL)
+    mesh = '<visual><geometry><mesh filename="{}" scale="1 1 0.5"/></geometry></visual></link>'
+    for name, drawn in (("wedge.stl", True), ("../wedge.stl", False), ("none.stl", False)):
+        text = BARE.replace("</link>", mesh.format(name), 1)
+        (folder / "meshed.urdf").write_text(text, encoding="utf-8")
+        shapes = link_shapes(folder / "meshed.urdf")
+        # without a mesh that can be drawn, the collision box is
+        [points] = shapes["base"]
+        np.testing.assert_allclose(
+            points.max(axis=0), [2.0, 1.0, 1.5] if drawn else [1.1, 0.8, 0.2], atol=1e-6
+        )
 
 
 def test_the_picture_shows_side_and_top_in_the_root_frame(

@@ -15,6 +15,7 @@ from zmp_sqp import __version__
 from zmp_sqp.commands.chart import add_chart
 from zmp_sqp.commands.check import add_check
 from zmp_sqp.commands.exit_codes import BAD_INPUT, BROKEN_PIPE, EXIT_CODES, INTERRUPTED
+from zmp_sqp.commands.init import add_init
 from zmp_sqp.commands.inspect import add_inspect
 from zmp_sqp.commands.paper import add_paper
 from zmp_sqp.commands.plan import add_plan
@@ -104,6 +105,7 @@ def _parser() -> argparse.ArgumentParser:
     add_chart(commands, shipped)
     add_replay(commands, shipped)
     add_inspect(commands)
+    add_init(commands)
     return parser
 
 

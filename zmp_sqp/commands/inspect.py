@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import argparse
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from zmp_sqp.arrays import Array
 from zmp_sqp.commands.console import (
     add_command,
     add_json_option,
@@ -25,6 +26,7 @@ from zmp_sqp.commands.exit_codes import DONE
 from zmp_sqp.commands.machine_options import (
     add_machine_options,
     add_payload_options,
+    add_slope_options,
     machine_of,
 )
 from zmp_sqp.errors import MachineError
@@ -83,17 +85,7 @@ def add_inspect(commands: Any) -> None:
     command.add_argument(
         "urdf", metavar="URDF", help="the machine: a URDF file, or the name of a shipped one"
     )
-    for angle, words in (
-        ("roll", "negative leans the machine to its left"),
-        ("pitch", "positive is nose down"),
-    ):
-        command.add_argument(
-            f"--{angle}",
-            type=float,
-            default=0.0,
-            metavar="DEG",
-            help=f"[deg] {angle} of the ground; {words} (default: 0)",
-        )
+    add_slope_options(command)
     command.add_argument(
         "--tip",
         metavar="LINK",
@@ -126,6 +118,8 @@ def run_inspect(arguments: argparse.Namespace) -> int:
     prepare_folder(arguments.out, INSPECT_FILES)
     path = _path(arguments.urdf)
     fields = inspection_fields(found)
+    if fields["support"] is not None:
+        fields["support"]["source"] = _source(arguments.contact_links)
     result = {
         "machine": fields.pop("machine"),
         "file": str(path),
@@ -137,7 +131,8 @@ def run_inspect(arguments: argparse.Namespace) -> int:
     _print(console, found, result)
     text = to_json(result)
     if arguments.out is not None:
-        print_lines(console, _write(arguments.out, text, found, path, drawn))
+        shapes = link_shapes(path, arguments.package_dirs or ())
+        print_lines(console, _write(arguments.out, text, found, shapes, drawn))
     else:
         console.print("a picture of it: --out DIR", soft_wrap=True)
     write_json(text, arguments.json, console)
@@ -145,12 +140,22 @@ def run_inspect(arguments: argparse.Namespace) -> int:
 
 
 def _drawn(found: Inspection, names: list[str] | None) -> list[str]:
-    """Names of the poses to draw."""
+    """Names of the poses to draw; without a choice, the first ones that differ."""
     known = [pose.name for pose in found.poses]
     for name in names or ():
         if name not in known:
             raise MachineError(f"there is no pose {name!r}; poses are {', '.join(known)}")
-    return known[:MOST_DRAWN] if names is None else names
+    if names is not None:
+        return names
+    different = {tuple(pose.q): pose.name for pose in reversed(found.poses)}
+    return [name for name in known if name in different.values()][:MOST_DRAWN]
+
+
+def _source(contact_links: list[str] | None) -> str:
+    """Where the support polygon comes from, in words."""
+    if contact_links is not None:
+        return f"the lowest points of {', '.join(contact_links)}, as --contact-links asks"
+    return "the lowest points of all links that no planned joint moves"
 
 
 def _path(urdf: str) -> Path:
@@ -170,6 +175,10 @@ def _print(console: Console, found: Inspection, result: Mapping[str, Any]) -> No
         text.highlight_words([MISSING], "bold red")
         console.print(text, soft_wrap=True)
     print_lines(console, ["", support_text(machine.support)])
+    if result["support"] is not None:
+        print_lines(console, [f"It is spanned by {result['support']['source']}.", ""])
+    if machine.support is None and machine.support_hint:
+        console.print(machine.support_hint, soft_wrap=True)
     edges = edge_table(found)
     if edges is not None:
         console.print(edges)
@@ -180,21 +189,28 @@ def _print(console: Console, found: Inspection, result: Mapping[str, Any]) -> No
         console.print(line, style="bold red", soft_wrap=True)
     if found.missing:
         console.print(
-            f"`zmp-sqp init {result['file']}` writes a joint_limits.yaml to fill in",
+            f"`zmp-sqp init {result['file']}`, with the same options, writes a joint_limits.yaml "
+            "to fill in",
             soft_wrap=True,
         )
 
 
 def _write(
-    folder: Path, text: str, found: Inspection, urdf: Path, drawn: list[str]
+    folder: Path,
+    text: str,
+    found: Inspection,
+    shapes: Mapping[str, Sequence[Array]],
+    drawn: list[str],
 ) -> Iterator[str]:
     """Write the files of `--out` one by one; yields a line about each."""
     results, picture = (folder / name for name in INSPECT_FILES)
     results.write_text(text, encoding="utf-8")
     yield f"wrote {results}"
-    yield from without_matplotlib(_draw(picture, found, urdf, drawn))
+    yield from without_matplotlib(_draw(picture, found, shapes, drawn))
 
 
-def _draw(path: Path, found: Inspection, urdf: Path, drawn: list[str]) -> Iterator[str]:
-    plot_machine(found, link_shapes(urdf), path, poses=drawn)
+def _draw(
+    path: Path, found: Inspection, shapes: Mapping[str, Sequence[Array]], drawn: list[str]
+) -> Iterator[str]:
+    plot_machine(found, shapes, path, poses=drawn)
     yield f"wrote {path}"

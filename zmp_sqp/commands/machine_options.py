@@ -21,13 +21,27 @@ __all__ = [
     "add_ground_options",
     "add_machine_options",
     "add_payload_options",
+    "add_slope_options",
     "add_uncertainty_options",
     "ground_of",
     "machine_of",
+    "machine_table",
     "uncertainties_of",
 ]
 
 HERE = Path()  # paths on the command line are relative to the working folder
+# attribute of the parsed arguments for each key of [machine]; one that is not given is left out
+MACHINE_ARGUMENTS = {
+    "joint_limits": "limits",
+    "srdf": "srdf",
+    "joints": "joints",
+    "group": "group",
+    "hold": "hold",
+    "package_dirs": "package_dirs",
+    "strict": "strict",
+    "contact_links": "contact_links",
+    "point_masses": "point_masses",
+}
 # attribute of the parsed arguments for each key of [machine.payload]
 PAYLOAD_ARGUMENTS = {
     "mass": "payload",
@@ -38,11 +52,38 @@ PAYLOAD_ARGUMENTS = {
 
 
 def add_machine_options(command: argparse.ArgumentParser) -> None:
-    """Add options for joint limits, support and point masses."""
+    """Add options for joint limits, planned and held joints, support and point masses."""
     command.add_argument(
         "--limits",
         metavar="FILE",
         help="joint limits as MoveIt's joint_limits.yaml (default: the file beside the URDF)",
+    )
+    command.add_argument(
+        "--srdf",
+        metavar="FILE",
+        help="SRDF of the machine: its groups for --group, its states as poses and for held joints",
+    )
+    chosen = command.add_mutually_exclusive_group()
+    chosen.add_argument(
+        "--joints", nargs="+", metavar="JOINT", help="joints to plan (default: all that move)"
+    )
+    chosen.add_argument("--group", metavar="NAME", help="group of the SRDF whose joints to plan")
+    command.add_argument(
+        "--hold",
+        nargs="+",
+        type=_held,
+        metavar="JOINT=VALUE",
+        help="[rad or m] joints that are not planned but held at a value (default for joints that "
+        "are not planned: the SRDF's state, else 0, within the limits)",
+    )
+    command.add_argument(
+        "--package-dirs",
+        nargs="+",
+        metavar="DIR",
+        help="folders of the packages that package:// in the URDF names; no mesh outside is opened",
+    )
+    command.add_argument(
+        "--strict", action="store_true", help="refuse what only causes a warning otherwise"
     )
     command.add_argument(
         "--contact-links",
@@ -82,8 +123,8 @@ def add_payload_options(command: argparse.ArgumentParser) -> None:
     )
 
 
-def add_ground_options(command: argparse.ArgumentParser) -> None:
-    """Add options for the ground: roll and pitch of a plane, or a heightmap."""
+def add_slope_options(command: argparse.ArgumentParser) -> None:
+    """Add options for roll and pitch of a plane."""
     command.add_argument(
         "--roll",
         type=float,
@@ -98,6 +139,11 @@ def add_ground_options(command: argparse.ArgumentParser) -> None:
         metavar="DEG",
         help="[deg] pitch of the ground; positive is nose down (default: 0)",
     )
+
+
+def add_ground_options(command: argparse.ArgumentParser) -> None:
+    """Add options for the ground: roll and pitch of a plane, or a heightmap."""
+    add_slope_options(command)
     command.add_argument(
         "--heightmap",
         metavar="FILE",
@@ -161,6 +207,15 @@ def machine_of(arguments: argparse.Namespace) -> Machine:
         MachineError: Options for the payload are missing, or URDF, limits, support or payload
             cannot be used.
     """
+    return build_machine(machine_table(arguments), HERE)
+
+
+def machine_table(arguments: argparse.Namespace) -> dict[str, Any]:
+    """Table [machine] of the options, with paths relative to the working folder.
+
+    Raises:
+        MachineError: There is no such machine, or options for the payload are missing.
+    """
     source = "name" if arguments.urdf in shipped_machines() else "urdf"
     path = Path(arguments.urdf)
     if source == "urdf" and path.name == arguments.urdf and not path.suffix and not path.exists():
@@ -169,15 +224,26 @@ def machine_of(arguments: argparse.Namespace) -> Machine:
             f"there is no machine {arguments.urdf!r}{did_you_mean(arguments.urdf, shipped)}; "
             f"machines are {', '.join(shipped)}, or give the path of a URDF"
         )
-    table: dict[str, Any] = {source: arguments.urdf, "point_masses": arguments.point_masses}
-    if arguments.contact_links is not None:
-        table["contact_links"] = arguments.contact_links
-    if arguments.limits is not None:
-        table["joint_limits"] = arguments.limits
+    table: dict[str, Any] = {source: arguments.urdf}
+    for key, name in MACHINE_ARGUMENTS.items():
+        value = getattr(arguments, name)
+        if value is not None and value is not False:
+            table[key] = dict(value) if key == "hold" else value
     payload = _payload_table(arguments)
     if payload:
         table["payload"] = payload
-    return build_machine(table, HERE)
+    return table
+
+
+def _held(text: str) -> tuple[str, float]:
+    """Name and coordinate of a joint from JOINT=VALUE."""
+    name, equals, value = text.rpartition("=")
+    try:
+        if not (name and equals):
+            raise ValueError
+        return name, float(value)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text!r} is not JOINT=VALUE, such as lift=0.5") from None
 
 
 def _payload_table(arguments: argparse.Namespace) -> dict[str, Any]:

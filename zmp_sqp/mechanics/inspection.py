@@ -18,6 +18,7 @@ from zmp_sqp.mechanics.named_poses import named_poses
 from zmp_sqp.mechanics.stability_measures import center_of_mass
 from zmp_sqp.mechanics.tipping_load import (
     TippingLoad,
+    frame_index,
     frame_position,
     tipping_load,
     worst_turn,
@@ -123,7 +124,7 @@ def inspect(
         tip_offset = _moved_point(machine, tip)
     offset = frozen_array(tip_offset, name="tip offset", shape=(3,), error=MachineError)
     chosen = named_poses(machine) if poses is None else poses
-    slew = slew_joint(machine)
+    slew = slew_joint(machine, tip)
     load = {"frame": tip, "offset": offset}
     return Inspection(
         machine=machine,
@@ -137,22 +138,30 @@ def inspect(
     )
 
 
-def slew_joint(machine: Machine) -> str:
-    """Name of the first planned joint that turns about the root's z axis, at zero coordinates.
+def slew_joint(machine: Machine, tip: str) -> str:
+    """Name of the first planned joint that turns a frame about the root's z axis at q = 0.
 
     A joint that others mimic does not count: they would turn elsewhere at the same time.
 
+    Args:
+        machine: The machine.
+        tip: Name of the frame.
+
     Returns:
         The name; empty if there is none.
+
+    Raises:
+        MachineError: An unknown frame.
     """
-    data = machine.model.createData()
-    pin.forwardKinematics(
-        machine.model, data, machine.configuration(np.zeros((1, machine.size)))[0]
-    )
+    model = machine.model
+    data = model.createData()
+    pin.forwardKinematics(model, data, machine.configuration(np.zeros((1, machine.size)))[0])
+    moving = set(model.supports[model.frames[frame_index(machine, tip)].parentJoint])
     for name, unit in zip(machine.joint_names, machine.joint_units, strict=True):
-        joint = machine.model.getJointId(name)
+        joint = model.getJointId(name)
         axis = data.oMi[joint].rotation @ _axis(machine, joint)
-        if unit == "rad" and not machine.mimics_of(name) and np.hypot(axis[0], axis[1]) < UPRIGHT:
+        turns = unit == "rad" and joint in moving and not machine.mimics_of(name)
+        if turns and np.hypot(axis[0], axis[1]) < UPRIGHT:
             return name
     return ""
 

@@ -14,10 +14,11 @@ from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.support import SupportPolygon
 from zmp_sqp.mechanics.wrench import ground_reaction
 
-__all__ = ["TippingLoad", "frame_position", "tipping_load", "worst_turn"]
+__all__ = ["TippingLoad", "frame_index", "frame_position", "tipping_load", "worst_turn"]
 
 # share of a moment's size below which it counts as zero: a load exactly above an edge's line
 ROUNDING = 1e-12
+TURN = 2.0 * np.pi  # [rad]
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +100,21 @@ def worst_turn(
     return _least(basis @ unloaded, basis @ per_mass, turns)
 
 
+def frame_index(machine: Machine, frame: str) -> int:
+    """Index of a frame in the Pinocchio model; a link takes precedence over a joint of this name.
+
+    Raises:
+        MachineError: An unknown frame; the message lists the links.
+    """
+    model = machine.model
+    links = [found.name for found in model.frames if found.type == pin.FrameType.BODY]
+    if frame in links:
+        return int(model.getFrameId(frame, pin.FrameType.BODY))
+    if not model.existFrame(frame):
+        raise MachineError(f"there is no frame {frame!r}; links are {', '.join(links)}")
+    return int(model.getFrameId(frame))
+
+
 def frame_position(machine: Machine, q: Array, frame: str, offset: Array | None = None) -> Array:
     """Position of a point fixed to a frame, root frame, shape (K, 3) [m].
 
@@ -111,12 +127,7 @@ def frame_position(machine: Machine, q: Array, frame: str, offset: Array | None 
     Raises:
         MachineError: An unknown frame; the message lists the links.
     """
-    model = machine.model
-    links = [found.name for found in model.frames if found.type == pin.FrameType.BODY]
-    if frame not in links and not model.existFrame(frame):
-        raise MachineError(f"there is no frame {frame!r}; links are {', '.join(links)}")
-    kind = pin.FrameType.BODY if frame in links else None
-    index = model.getFrameId(frame) if kind is None else model.getFrameId(frame, kind)
+    model, index = machine.model, frame_index(machine, frame)
     point = np.zeros(3) if offset is None else np.asarray(offset, dtype=np.float64)
     data, found = model.createData(), []
     for row in machine.configuration(q):
@@ -205,15 +216,15 @@ def _stationary(top: Array, bottom: Array) -> Array:
 def _within(limits: tuple[float, float], angles: Array) -> Array:
     """Ends of a joint's range and those angles, moved by whole turns, that lie between them.
 
-    Of several whole turns the one nearest to zero is taken.
+    Of several whole turns the one nearest to zero is taken. A side that is not finite is no limit.
     """
-    lower, upper = (side if np.isfinite(side) else np.nan for side in limits)
+    lower, upper = limits
     angles = angles[np.isfinite(angles)]
-    near = np.pi - np.mod(np.pi - angles, 2.0 * np.pi)  # in (-pi, pi]
-    if np.isnan(lower) or np.isnan(upper):
-        return near
-    turns = 2.0 * np.pi * np.arange(np.floor(lower / 2.0 / np.pi) - 1, upper / 2.0 / np.pi + 2)
-    everywhere = near[:, None] + turns[np.argsort(np.abs(turns), kind="stable")]
-    inside = everywhere[(everywhere >= lower) & (everywhere <= upper)]
-    ends = np.array([lower, upper])
-    return np.concatenate([inside[np.argsort(np.abs(inside), kind="stable")], ends])
+    moved = np.pi - np.mod(np.pi - angles, TURN)  # in (-pi, pi]
+    if np.isfinite(lower):
+        moved = moved + TURN * np.ceil(np.maximum(lower - moved, 0.0) / TURN)
+    if np.isfinite(upper):
+        moved = moved - TURN * np.ceil(np.maximum(moved - upper, 0.0) / TURN)
+    inside = ~((moved < lower) | (moved > upper))  # NaN is no limit
+    ends = np.array([end for end in limits if np.isfinite(end)])
+    return np.concatenate([moved[inside], ends])

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from zmp_sqp.arrays import Array
+from zmp_sqp.mechanics import Ground
 from zmp_sqp.mechanics.inspection import Inspection, PoseReport
 from zmp_sqp.mechanics.link_tree import Link
 from zmp_sqp.mechanics.machine import Machine
@@ -54,6 +55,7 @@ value:
 LIMITS = ("position_lower", "position_upper", "velocity", "acceleration", "effort")
 MOST_EDGES = 12  # that are listed one by one
 INDENT = "  "
+LEVEL = 1e-3  # [deg] slope up to which ground counts as level
 
 
 def tree_lines(found: Inspection) -> list[str]:
@@ -110,7 +112,10 @@ def pose_table(found: Inspection) -> Table:
     if found.slew:
         heads.append("its least\nin a turn\n[kg]")
     table = new_table(*heads)
-    table.caption = f"tipping load: largest point mass at {found.tip} before the machine tips over"
+    table.caption = (
+        f"at rest on {_ground(found.ground)}; tipping load: largest point mass at {found.tip} "
+        "before the machine tips over"
+    )
     if found.slew:
         table.caption += f"; a turn is of {found.slew}"
     for pose in found.poses:
@@ -123,7 +128,7 @@ def pose_table(found: Inspection) -> Table:
 
 def held_joints(machine: Machine) -> dict[str, float]:
     """Coordinate of each joint that is held and not planned [rad or m]."""
-    return {name: float(value) for name, value in (getattr(machine, "held", None) or {}).items()}
+    return {name: float(value) for name, value in machine.held.items()}
 
 
 def inspection_fields(found: Inspection) -> dict[str, Any]:
@@ -188,6 +193,22 @@ def _load_fields(found: Inspection, load: TippingLoad | None) -> dict[str, Any] 
         return None
     edge = support.edge_name(load.edge) if load.edge >= 0 else ""
     return {"mass": _number(load.mass), "edge": edge, "coordinate": _number(load.coordinate)}
+
+
+def _ground(ground: Ground) -> str:
+    """The ground in words; gravity tells its slope."""
+    x, y, z = ground.gravity() / np.linalg.norm(ground.gravity())
+    tilt = np.degrees(np.arccos(np.clip(-z, -1.0, 1.0)))
+    if tilt < LEVEL:
+        return "level ground"
+    return f"a slope of {tilt:.3g} degrees, downhill towards {_direction(x, y)}"
+
+
+def _direction(x: float, y: float) -> str:
+    """Direction in the root's x-y plane in words."""
+    names = ["the front", "front left", "the left", "rear left"]
+    names += ["the rear", "rear right", "the right", "front right"]
+    return names[int(np.round(np.degrees(np.arctan2(y, x)) / 45.0)) % 8]
 
 
 def _motion(link: Link, held: dict[str, float], mimics: Mapping[str, Any]) -> str:

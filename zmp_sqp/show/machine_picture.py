@@ -28,6 +28,7 @@ ZMP_COLOUR, SUPPORT_COLOUR, TIP_COLOUR = "#c00000", "#2e7d32", "#6a1b9a"
 COLUMN = 5.6  # [inch] width of one pose
 SHORTEST, TALLEST = 2.0, 5.5  # [inch] height of one view
 BORDER = 0.06  # free space around the machine, as a share of its size
+NEGLIGIBLE = 1e-4  # share of the machine's mass up to which a link without shape is not drawn
 LETTER, LINE = 0.066, 0.15  # [inch] width of a letter and height of a line of joint names
 TOGETHER = 0.025  # share of the machine's size within which joints share one label
 ARROW = 0.12  # length of the root frame's arrows, as a share of the machine's size
@@ -96,7 +97,7 @@ def plot_machine(
     ]
     low, high = _extent(scenes)
     heights = [float(COLUMN / (high[0] - low[0]) * (high - low)[i]) for i in (2, 1)]
-    figure = new_figure(width=max(COLUMN * len(scenes), 6.5), height=sum(heights) + 2.2)
+    figure = new_figure(width=max(COLUMN * len(scenes), 6.5), height=sum(heights) + 2.7)
     grid = figure.add_gridspec(2, len(scenes), height_ratios=heights)
     for column, scene in enumerate(scenes):
         for row, view in enumerate((SIDE, TOP)):
@@ -137,12 +138,13 @@ def _scene(found: Inspection, pose: PoseReport, shapes: Mapping[str, Sequence[Ar
 
 
 def _without_substance(found: Inspection, shapes: Mapping[str, Sequence[Array]]) -> set[int]:
-    """Frames of links without mass, shape and load on which nothing else hangs: sensors, tools."""
+    """Frames of links with hardly any mass, no shape and no load, and nothing else on them."""
     bare: set[int] = set()
     carrying: set[int] = set()
     for link in reversed(found.links):  # links come before those that hang on them
         planned_or_drawn = link.planned or link.name in shapes or link.name == found.tip
-        if link.mass > 0.0 or planned_or_drawn or link.frame in carrying or not link.parent_frame:
+        heavy = link.mass > NEGLIGIBLE * found.machine.mass
+        if heavy or planned_or_drawn or link.frame in carrying or not link.parent_frame:
             carrying.add(link.parent_frame)
         else:
             bare.add(link.frame)
@@ -218,10 +220,11 @@ def _title(scene: _Scene, view: _View) -> str:
         return view.title
     pose, words = scene.pose, "no support polygon is known"
     if np.isfinite(pose.margin):
+        edge = pose.edge if pose.edge.startswith("edge") else f"the {pose.edge} edge"
         words = (
-            f"stands: ZMP {length_text(pose.margin)} inside the {pose.edge} edge"
+            f"stands: ZMP {length_text(pose.margin)} inside {edge}"
             if pose.margin > 0.0
-            else f"TIPS OVER: ZMP {length_text(-pose.margin)} outside the {pose.edge} edge"
+            else f"TIPS OVER: ZMP {length_text(-pose.margin)} outside {edge}"
         )
     if pose.tipping is not None and 0.0 < pose.tipping.mass < np.inf:
         words += f"\ntips over with {mass_text(pose.tipping.mass)} more at {scene.found.tip}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import product
 from pathlib import Path
 
@@ -12,6 +12,9 @@ import numpy as np
 from zmp_sqp.arrays import Array
 from zmp_sqp.errors import MachineError
 from zmp_sqp.mechanics.urdf.elements import Shape, read_shape
+from zmp_sqp.mechanics.urdf.meshes import MeshFolders
+from zmp_sqp.mechanics.urdf.sources import package_folders
+from zmp_sqp.mechanics.urdf.xacro_files import expanded
 
 __all__ = ["hull", "link_shapes", "shape_points"]
 
@@ -20,29 +23,41 @@ RINGS = 7  # rings of points between the poles of a sphere
 FLAT = 1e-9  # [m] extent below which points have no area to fill
 
 
-def link_shapes(urdf: Path) -> dict[str, list[Array]]:
+def link_shapes(urdf: Path, package_dirs: Sequence[str | Path] = ()) -> dict[str, list[Array]]:
     """Corner points of every shape, in the link's frame, shape (P, 3) [m], by name of the link.
 
     A link's visual shapes are taken, or its collision shapes if it has no visual ones that can be
-    drawn.
+    drawn. Meshes that cannot be read are left out.
 
     Args:
         urdf: A URDF that `load_machine` has accepted.
+        package_dirs: Folders of packages, as for `load_machine`.
+
+    Raises:
+        MachineError: The file is in xacro and cannot be expanded, or a folder is not there.
     """
-    found = {}
-    for link in ET.parse(urdf).getroot().findall("link"):
+    folders = package_folders(list(package_dirs) or None)
+    meshes, found = MeshFolders(urdf.parent, folders), {}
+    for link in ET.fromstring(expanded(urdf.read_bytes(), urdf, folders)).findall("link"):
         for kind in ("visual", "collision"):
-            shapes = list(_shapes(link, kind))
+            shapes = list(_shapes(link, kind, meshes))
             if shapes:
                 found[link.attrib["name"]] = shapes
                 break
     return found
 
 
-def shape_points(shape: Shape) -> Array:
-    """Points of which a box, cylinder or sphere is the convex hull, link frame, (P, 3) [m].
+def shape_points(shape: Shape, meshes: MeshFolders) -> Array:
+    """Points whose convex hull is that of a shape, link frame, (P, 3) [m].
 
-    Round shapes are replaced by inscribed ones with `ROUND` corners. A mesh has no points.
+    Round shapes are replaced by inscribed ones with `ROUND` corners.
+
+    Args:
+        shape: The shape.
+        meshes: Finds and reads meshes.
+
+    Raises:
+        MachineError: A mesh cannot be read.
     """
     angles = np.linspace(0.0, 2.0 * np.pi, ROUND, endpoint=False)
     circle = np.column_stack([np.cos(angles), np.sin(angles)])
@@ -62,7 +77,7 @@ def shape_points(shape: Shape) -> Array:
             [np.column_stack([np.sqrt(1.0 - z * z) * circle, np.full(ROUND, z)]) for z in heights]
         )
     else:
-        local = np.empty((0, 3))
+        local = meshes.hull(shape.filename, shape.scale)
     return np.asarray(local @ shape.rotation.T + shape.translation)
 
 
@@ -81,11 +96,9 @@ def hull(points: Array) -> Array:
         return points[[order[0], order[-1]]]
 
 
-def _shapes(link: ET.Element, kind: str) -> Iterator[Array]:
+def _shapes(link: ET.Element, kind: str, meshes: MeshFolders) -> Iterator[Array]:
     for element in link.findall(kind):
         try:
-            points = shape_points(read_shape(element))
-        except MachineError:  # a visual shape with numbers that are none: nothing to draw
+            yield shape_points(read_shape(element), meshes)
+        except MachineError:  # no mesh, or a visual shape whose numbers are none: not drawn
             continue
-        if len(points):
-            yield points

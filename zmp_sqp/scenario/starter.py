@@ -1,0 +1,242 @@
+"""A scenario to start from: a swing of one joint that a machine can make without tipping over."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from math import floor, log10
+from typing import Any
+
+import numpy as np
+
+from zmp_sqp.arrays import Array
+from zmp_sqp.errors import ContactLost, ProblemError
+from zmp_sqp.mechanics import Ground, Machine, stability_margin
+from zmp_sqp.mechanics.named_poses import named_poses
+
+__all__ = ["Starter", "find_starter", "starter_text"]
+
+SWINGS = {"rad": np.radians([90.0, 60.0, 30.0, 10.0]), "m": np.array([1.0, 0.5, 0.2, 0.05])}
+CHECKED = 33  # poses on the way from start to goal at which the machine has to stand
+TRIED = 500  # random poses tried where it stands in no pose with a name
+SEED = 0
+DIGITS = 4  # decimals of start and goal
+ASKED = 0.25  # share of the least margin at rest on the way that the scenario asks for
+MOST_ASKED = 0.1  # [m]
+PAYLOAD_LINES = (
+    "",
+    "# [machine.payload]       # what it carries: remove the number signs",
+    "# mass = 100.0            # [kg]",
+    "# com = [0.0, 0.0, 0.0]   # [m] its centre of mass in the frame of the link",
+    "# frame = {frame}  # that carries it",
+)
+SUPPORT_LINES = (
+    "",
+    "# FILL IN the support polygon: corners in the frame of the root link, [x, y] in metres, x",
+    "# forward, y left, counter-clockwise, in the plane z = height. Or, under [machine], the names",
+    "# of the links on which it stands: contact_links = [...]; they need collision shapes.",
+    "# [machine.support]",
+    "# vertices = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]",
+    "# height = 0.0",
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Starter:
+    """Start and goal of a scenario to start from.
+
+    Attributes:
+        pose: Name of the pose at the start.
+        joint: Name of the joint that swings.
+        start: Joint coordinates at the start, shape (n,) [rad or m].
+        goal: Joint coordinates at the goal, shape (n,) [rad or m].
+        margin: Distance between ZMP and edges to ask for [m]; NaN if the machine has no support
+            polygon, so that nothing is known of where it stands.
+    """
+
+    pose: str
+    joint: str
+    start: Array
+    goal: Array
+    margin: float
+
+
+def find_starter(machine: Machine, ground: Ground) -> Starter:
+    """Start and goal at which the machine stands at rest, as it does everywhere in between.
+
+    Hence a slow motion between them is safe, and a plan will be found. Of the poses with a name
+    (see `named_poses`) the first one is taken from which a joint can swing; the first planned joint
+    is tried first, and large swings before small ones.
+
+    Args:
+        machine: The machine; limits that are missing count as none.
+        ground: Ground on which it stands.
+
+    Raises:
+        ProblemError: No pose was found from which a joint can swing.
+    """
+    for name, exact in _poses(machine):
+        pose = _rounded(machine, exact)
+        for joint, goal in _goals(machine, pose):
+            margin = _least_margin(machine, ground, pose, goal)
+            if not margin <= 0.0:  # NaN without support polygon
+                asked = float(np.minimum(MOST_ASKED, _round_down(ASKED * margin)))
+                return Starter(name, joint, pose, goal, asked)
+    raise ProblemError(
+        f"machine {machine.name!r} tips over at rest in all of {TRIED} poses that were tried: "
+        "look at its support polygon, masses and ground with zmp-sqp inspect"
+    )
+
+
+def starter_text(
+    starter: Starter,
+    machine: Machine,
+    *,
+    tables: Mapping[str, Mapping[str, Any]],
+    title: str,
+    heading: str,
+    load: str,
+) -> str:
+    """Scenario file (TOML) with comments.
+
+    Args:
+        starter: Start, goal and margin.
+        machine: Gives the joints.
+        tables: Keys of [machine] and [ground], by name of the table; [machine] may hold tables.
+        title: Title of the scenario, one line.
+        heading: Comment at the top, without the leading number signs.
+        load: Name of the frame for the payload that is commented out.
+    """
+    ground = tables["ground"]
+    lines = [f"# {line}".rstrip() for line in heading.splitlines()]
+    lines += ["", f"title = {_toml(title)}", "", *_machine_lines(tables["machine"])]
+    if "payload" not in tables["machine"]:
+        lines += [line.format(frame=_toml(load)) for line in PAYLOAD_LINES]
+    if machine.support is None:
+        lines += SUPPORT_LINES
+    lines += [
+        "",
+        "[ground]",
+        f"roll_deg = {float(ground['roll_deg'])}   # negative leans the machine to its left",
+        f"pitch_deg = {float(ground['pitch_deg'])}  # positive is nose down",
+        "",
+        "[motion]  # from rest to rest; start_deg and goal_deg are in degrees",
+        *_pose_lines("start", starter.start, machine, f"pose '{_one_line(starter.pose)}'"),
+        *_pose_lines("goal", starter.goal, machine, f"{_one_line(starter.joint)} has swung"),
+        "",
+        "[plan]",
+    ]
+    margin = starter.margin if starter.margin > 0.0 else 0.0
+    lines.append(f"margin = {margin:g}  # [m] kept between the ZMP and every edge of the polygon")
+    return "\n".join([*lines, ""])
+
+
+def _machine_lines(table: Mapping[str, Any]) -> list[str]:
+    """The table [machine]; tables in it come last, as TOML wants."""
+    inner = {key: value for key, value in table.items() if isinstance(value, Mapping)}
+    lines = ["[machine]"]
+    lines += [f"{key} = {_toml(value)}" for key, value in table.items() if key not in inner]
+    for name, content in inner.items():
+        lines += ["", f"[machine.{name}]"]
+        lines += [f"{_key(key)} = {_toml(value)}" for key, value in content.items()]
+    return lines
+
+
+def _pose_lines(key: str, pose: Array, machine: Machine, what: str) -> list[str]:
+    """A pose with the name and unit of the joint beside each number."""
+    numbers = [f"{_toml(value)}," for value in pose.tolist()]
+    width = max(map(len, numbers))
+    joints = zip(numbers, machine.joint_names, machine.joint_units, strict=True)
+    return [
+        f"{key} = [  # {what}",
+        *(f"    {text.ljust(width)}  # {_one_line(name)} [{unit}]" for text, name, unit in joints),
+        "]",
+    ]
+
+
+def _poses(machine: Machine) -> Iterator[tuple[str, Array]]:
+    """Poses with a name, the middle of the limits before zero, then random ones."""
+    named = named_poses(machine)
+    zero = named.pop("zero")
+    yield from named.items()
+    yield "zero", zero
+    rng = np.random.default_rng(SEED)
+    low, high = _range(machine)
+    for _ in range(TRIED):
+        yield "found at random", rng.uniform(low, high)
+
+
+def _rounded(machine: Machine, pose: Array) -> Array:
+    """Pose with few digits, where that does not leave the limits."""
+    rounded = np.round(pose, DIGITS)
+    lower, upper = machine.limits.position_lower, machine.limits.position_upper
+    return np.where((rounded < lower) | (rounded > upper), pose, rounded)
+
+
+def _range(machine: Machine) -> tuple[Array, Array]:
+    """Position limits; where there are none, half a turn or a metre to either side of zero."""
+    limits = machine.limits
+    wide = np.array([np.pi if unit == "rad" else 1.0 for unit in machine.joint_units])
+    low = np.where(np.isfinite(limits.position_lower), limits.position_lower, -wide)
+    high = np.where(np.isfinite(limits.position_upper), limits.position_upper, wide)
+    return np.minimum(low, high), np.maximum(low, high)
+
+
+def _goals(machine: Machine, start: Array) -> Iterator[tuple[str, Array]]:
+    """Goals that differ from a start by the swing of one joint, with the name of that joint."""
+    lower = np.nan_to_num(machine.limits.position_lower, nan=-np.inf)
+    upper = np.nan_to_num(machine.limits.position_upper, nan=np.inf)
+    for i, (name, unit) in enumerate(zip(machine.joint_names, machine.joint_units, strict=True)):
+        for swing in SWINGS[unit]:
+            for sign in (1.0, -1.0):
+                goal = start.copy()
+                goal[i] = np.round(start[i] + sign * swing, DIGITS)
+                if lower[i] <= goal[i] <= upper[i]:
+                    yield name, goal
+
+
+def _least_margin(machine: Machine, ground: Ground, start: Array, goal: Array) -> float:
+    """Least stability margin at rest between two poses [m]; NaN without support polygon."""
+    if machine.support is None:
+        return np.nan
+    shares = np.linspace(0.0, 1.0, CHECKED)[:, None]
+    poses = start + shares * (goal - start)
+    still = np.zeros_like(poses)
+    try:
+        return float(stability_margin(machine, poses, still, still, ground).min())
+    except ContactLost:
+        return -np.inf
+
+
+def _round_down(value: float) -> float:
+    """Value rounded down to one significant digit; NaN stays."""
+    if not value > 0.0:
+        return value
+    step = 10.0 ** floor(log10(value))
+    return floor(value / step) * step
+
+
+def _toml(value: Any) -> str:
+    """A value as TOML writes it."""
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int):
+        return str(value)
+    if isinstance(value, float | np.floating):
+        return repr(float(value) + 0.0)
+    if isinstance(value, Mapping):
+        return f"{{ {', '.join(f'{_key(k)} = {_toml(v)}' for k, v in value.items())} }}"
+    return f"[{', '.join(_toml(entry) for entry in value)}]"
+
+
+def _key(key: str) -> str:
+    """Key as TOML writes it: bare where it may be."""
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _toml(key)
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())
