@@ -4,7 +4,7 @@ export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test check bench clean
+.PHONY: help venv demo test oldest check bench clean
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-6s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -26,6 +26,14 @@ demo: venv  ## plan test 1 of the paper: table on the terminal, trajectory and f
 test: venv  ## the test suite, two workers with one thread each
 	$(BIN)/python -m pytest -n 2
 
+oldest: .venv-oldest/.installed  ## the test suite with the oldest releases that pyproject.toml allows
+	.venv-oldest/bin/python -m pytest -n 2
+
+.venv-oldest/.installed: pyproject.toml constraints-oldest.txt
+	$(PYTHON) -m venv --clear .venv-oldest
+	.venv-oldest/bin/python -m pip install --quiet --disable-pip-version-check -c constraints-oldest.txt -e ".[dev,plots,sim]"
+	@touch $@
+
 check: venv  ## linter, formatter, types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -44,5 +52,5 @@ bench: venv  ## speed, robustness, comparisons with IPOPT and MuJoCo, printed as
 	$(BIN)/python -m benchmarks.replay
 
 clean:  ## remove the virtual environment and everything made by these targets
-	rm -rf .venv out dist build .pytest_cache .hypothesis .mypy_cache .ruff_cache
+	rm -rf .venv .venv-oldest out dist build .pytest_cache .hypothesis .mypy_cache .ruff_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

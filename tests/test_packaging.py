@@ -3,6 +3,7 @@
 import ast
 import subprocess
 import sys
+import tomllib
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -207,3 +208,24 @@ def test_every_shipped_file_is_below_one_mebibyte():
     assert not [
         path for path in shipped if "__pycache__" not in path.parts and path.stat().st_size >= 2**20
     ]
+
+
+def bounds() -> dict[str, str]:
+    """Lower bound of each direct dependency in pyproject.toml, by name in lower case."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    extras = project["optional-dependencies"]
+    asked = [*project["dependencies"], *(line for lines in extras.values() for line in lines)]
+    return {name.lower(): bound for name, _, bound in (line.partition(">=") for line in asked)}
+
+
+def test_constraints_oldest_are_the_lower_bounds():
+    """`make oldest` runs the suite with what the bounds in pyproject.toml promise."""
+    lines = (ROOT / "constraints-oldest.txt").read_text(encoding="utf-8").splitlines()
+    pinned = dict(line.split("==") for line in lines if line and not line.startswith("#"))
+    assert pinned
+    given = bounds()
+    ours = {name.lower(): version for name, version in pinned.items() if name.lower() in given}
+    assert ours == {name: given[name] for name in ours}
+    needed = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    names = {line.partition(">=")[0].lower() for line in needed["dependencies"]}
+    assert names | {"matplotlib", "mujoco", "pillow"} <= set(ours)
