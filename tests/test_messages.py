@@ -182,3 +182,27 @@ def test_nor_does_one_over_terrain() -> None:
     ]
     assert max(margins) - min(margins) < 2.5e-5  # [m]
     assert sampled - min(margins) < 2.5e-5
+
+
+def test_a_margin_that_is_too_large_says_which_would_do() -> None:
+    machine = zs.load_machine("feller_buncher")
+    pose = [0.0, -0.8, -2.0, 0.7, 0.0]
+    with pytest.raises(zs.ProblemError, match=r"leaves something is (\S+) m") as caught:
+        zs.Problem(machine, pose, pose, margin=2.0)
+    found = re.search(r"leaves something is (\S+) m", str(caught.value))
+    assert found is not None
+    assert 1.61 <= float(found[1]) <= 1.615  # [m] half the width of the tracks
+
+
+def test_angles_outside_their_limits_are_given_in_degrees_too() -> None:
+    machine = zs.load_machine("feller_buncher")
+    pose = [0.0, np.radians(-130.0), -2.0, 0.7, 0.0]
+    with pytest.raises(zs.ProblemError, match=r"in degrees: -130, outside \[-80\.\d+, 34\.\d+\]"):
+        zs.Problem(machine, pose, pose)
+
+
+@pytest.mark.parametrize("angle", ["-95.0", "90.0", "1e300"])
+def test_a_slope_of_a_file_is_refused_in_its_own_unit(scenario, angle: str) -> None:
+    path = scenario(TIPPING.replace("roll_deg = -20", f"roll_deg = {angle}"))
+    with pytest.raises(zs.ScenarioError, match=r"slope roll must lie within \+-90 degrees, not "):
+        load_scenario(path)

@@ -24,6 +24,7 @@ POSITIONS = ("position_lower", "position_upper")
 RATES = ("velocity", "acceleration", "effort")
 KEYS = POSITIONS + RATES
 LIMIT_TOLERANCE = 1e-9  # [rad or m] distance outside a limit that counts as rounding
+MOST_IN_DEGREES = 1e6  # [rad] larger angles are not given in degrees, too
 FULL_TURN = 2.0 * np.pi  # [rad] larger angles may be meant in degrees
 NEEDED = (*POSITIONS, "velocity", "acceleration")  # limits that planning cannot do without
 
@@ -139,10 +140,15 @@ def position_fault(joint: str, value: float, *, lower: float, upper: float, unit
         return ""
     shown, least, most = distinct_texts(value, lower, upper)
     words = f"of joint {joint!r} is {shown}, outside its limits [{least}, {most}] {unit}"
+    if unit != "rad":
+        return words
     radians = np.radians(value)
-    if unit == "rad" and abs(value) > FULL_TURN and lower <= radians <= upper:
-        words += f"; if it is meant in degrees, it is {radians:.4g} rad"
-    return words
+    if abs(value) > FULL_TURN and lower <= radians <= upper:
+        return f"{words}; if it is meant in degrees, it is {radians:.4g} rad"
+    if abs(value) > MOST_IN_DEGREES:
+        return words
+    degrees = distinct_texts(*(float(np.degrees(angle)) for angle in (value, lower, upper)))
+    return f"{words}; in degrees: {degrees[0]}, outside [{degrees[1]}, {degrees[2]}]"
 
 
 def ignored_limits(joints: Sequence[str]) -> str:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from zmp_sqp.errors import ProblemError
+from zmp_sqp.errors import MachineError, ProblemError
 from zmp_sqp.mechanics import Heightmap, Machine, Payload, Slope, SupportPolygon, load_machine
 from zmp_sqp.mechanics.limits import without_unplanned
 from zmp_sqp.mechanics.uncertainty import com_box
@@ -23,6 +23,7 @@ from zmp_sqp.scenario.schema import PLAN
 __all__ = ["DEGREES", "build_ground", "build_machine", "build_uncertainties"]
 
 DEGREES = "_deg"  # ending of keys whose values are degrees
+RIGHT_ANGLE = 90.0  # [deg]
 COM = "payload_com_uncertainty"
 
 
@@ -68,9 +69,13 @@ def build_ground(table: Mapping[str, Any], folder: Path) -> Slope | Heightmap:
         MachineError: An angle is out of range, or the heightmap cannot be used.
     """
     if "heightmap" not in table:
-        return Slope(
-            **{key.removesuffix(DEGREES): np.deg2rad(angle) for key, angle in table.items()}
-        )
+        angles = {key.removesuffix(DEGREES): angle for key, angle in table.items()}
+        for name, angle in angles.items():
+            if not -RIGHT_ANGLE < angle < RIGHT_ANGLE:
+                raise MachineError(
+                    f"slope {name} must lie within +-{RIGHT_ANGLE:g} degrees, not {angle:g} degrees"
+                )
+        return Slope(**{name: np.deg2rad(angle) for name, angle in angles.items()})
     options = dict(table["heightmap"])
     return Heightmap.from_file(folder / options.pop("file"), **options)
 

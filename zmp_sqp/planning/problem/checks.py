@@ -22,6 +22,7 @@ from zmp_sqp.mechanics.lumped_mass import FORM_TOLERANCE
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.support import SupportPolygon
 from zmp_sqp.planning.constraints.tip_over import supported
+from zmp_sqp.planning.problem.statics import largest_share
 
 __all__ = [
     "AUTO",
@@ -155,7 +156,11 @@ def checked_margin(given: object, machine: Machine) -> float:
     if margin < 0.0:
         raise ProblemError(f"margin must be at least 0 m, not {margin} m")
     if not _leaves_room(support, margin):
-        raise ProblemError(f"margin {margin} m leaves nothing of the support polygon")
+        most = largest_share(lambda share: _leaves_room(support, share * margin)) or 0.0
+        raise ProblemError(
+            f"margin {margin} m leaves nothing of the support polygon; the largest that leaves "
+            f"something is {np.floor(1e3 * most * margin) / 1e3:g} m"
+        )
     return margin
 
 
