@@ -221,7 +221,10 @@ def _sampled_range(machine: Machine) -> tuple[Array, Array]:
             f"no position limits for joint {names}: a load chart needs them; give limits with the "
             "machine, or put a joint_limits.yaml beside its URDF"
         )
+    # about the limit there is, if there is one
+    least = np.where(np.isfinite(upper), upper - 2.0 * UNLIMITED, -UNLIMITED)
+    most = np.where(np.isfinite(lower), lower + 2.0 * UNLIMITED, UNLIMITED)
     return (
-        np.where(np.isfinite(lower), lower, -UNLIMITED),
-        np.where(np.isfinite(upper), upper, UNLIMITED),
+        np.where(np.isfinite(lower), lower, least),
+        np.where(np.isfinite(upper), upper, most),
     )

@@ -17,6 +17,7 @@ from zmp_sqp.mechanics import Ground, Machine, Payload
 
 __all__ = ["NOT_A_SUBSTITUTE", "ChartPoints", "LoadChart", "write_records"]
 
+DIGITS = "123456789"  # that stand for joints whose names have no letter left
 NOT_A_SUBSTITUTE = "Not a substitute for the maker's load chart."
 
 
@@ -123,14 +124,19 @@ class LoadChart:
     def letters(self) -> dict[int, str]:
         """Letter for every value of `ChartPoints.limit` that occurs: t is tipping.
 
-        A joint has the first letter of its name that is free.
+        A joint has the first letter after what all names of the arm's joints begin with, else a
+        digit or another letter of its name.
         """
+        joints = (self.arm.slew, *self.arm.joints.tolist())
+        columns = zip(*(self.machine.joint_names[joint] for joint in joints), strict=False)
+        shared = next((at for at, found in enumerate(columns) if len(set(found)) > 1), 0)
         found = {TIPPING: "t", NOTHING: "-"}
         limits = [part.limit[part.reached].ravel() for part in (self.grid, self.reach)]
         for joint in np.unique(np.concatenate(limits)).tolist():
             if joint not in found:
-                name = self.machine.joint_names[joint]
-                candidates = [*name.lower(), *name.upper(), *"123456789"]
+                name = self.machine.joint_names[joint][shared:]
+                digits = [c for c in name if c.isdigit()]
+                candidates = [*name[:1].lower(), *digits, *name.lower(), *name.upper(), *DIGITS]
                 free = (c for c in candidates if c.isalnum() and c not in found.values())
                 found[joint] = next(free, "?")
         return found

@@ -22,7 +22,8 @@ TOLERANCE = 1e-8  # of the reach: distance at which a point counts as reached
 DIFFERENCE = 1e-6  # [rad or m] step of the differences that stand for the Jacobian
 LONGEST = 0.4  # [rad or m] longest step of a joint
 RANK = 1e-4  # singular values below this share of the largest count as zero
-SWEEPS = 40  # of the search among the poses of one point
+SWEEPS = 200  # of the search among the poses of one point, at most
+SHRINK = 0.7  # of its step where a direction does not help
 WIDEST = 0.3  # [rad or m] its first step; it ends at `FINEST`
 FINEST = 2e-3
 GAIN = 1e-6  # relative gain below which a pose is no better
@@ -206,6 +207,7 @@ def _improve(poses: Poses, targets: Array, score: Score, best: Array, values: Ar
     if len(joints) <= 2 or not len(rows):
         return
     steps = np.full(len(values), WIDEST)
+    shrink = SHRINK ** (1.0 / max(1, len(joints) - 3))  # more directions are tried where there are
     for _ in range(SWEEPS):
         rows = rows[steps[rows] > FINEST]
         if not len(rows):
@@ -220,7 +222,7 @@ def _improve(poses: Poses, targets: Array, score: Score, best: Array, values: Ar
         trial[:, joints] += np.vstack([step, -step])
         found, reached = poses.project(_clipped(poses.arm, trial), targets[both])
         _keep_better(best, values, both[reached], found[reached], score)
-        steps[rows] *= np.where(values[rows] > before[rows], 1.3, 0.7)
+        steps[rows] *= np.where(values[rows] > before[rows], 1.3, shrink)
 
 
 def _clipped(arm: Arm, q: Array) -> Array:
