@@ -141,7 +141,7 @@ def read_motion(
             f"{samples.source}: a motion whose base drives is read as it stands: leave out the "
             "interpolation"
         )
-    if interpolation is None:
+    if interpolation is None and named is None:
         exact = _exact(samples, machine, ground, needed=samples.base is not None)
         if exact is not None:
             return RecordedMotion(exact, EXACT, samples, None)
