@@ -125,16 +125,34 @@ def test_a_machine_without_support_gets_a_place_to_fill_it_in(
     assert load_scenario(scenario).problem.machine.support is not None
 
 
-def test_a_machine_that_stands_nowhere_is_refused(
+def test_a_machine_that_stands_nowhere_gets_a_place_for_its_real_polygon(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = tmp_path / "toppling.urdf"
+    """An arm that is bolted to a table has a foot that is too small to stand on."""
+    path = tmp_path / "bolted.urdf"
     path.write_text(BARE.replace('<box size="2 1.6 0.2"/>', '<box size="0.1 0.1 0.2"/>'))
-    assert cli.main(["init", str(path), "--roll", "-30", "--out", str(tmp_path)]) == 2
-    error = capsys.readouterr().err
-    assert "tips over at rest in all of" in error
-    assert error.count("\n") == 1
-    assert not (tmp_path / "toppling.toml").exists()
+    assert cli.main(["init", str(path), "--roll", "-30", "--out", str(tmp_path)]) == 1
+    assert "tips over at rest in all poses that were tried" in capsys.readouterr().out
+    scenario = tmp_path / "bolted.toml"
+    text = scenario.read_text()
+    assert "# FILL IN the support polygon" in text
+    (tmp_path / "joint_limits.yaml").write_text(COMPLETE)
+    with pytest.raises(zs.ScenarioError, match="tips over at rest"):
+        load_scenario(scenario)
+    text = text.replace("-1.0", "-3.0").replace("1.0]", "3.0]")
+    for commented in ("[machine.support]", "vertices =", "height ="):
+        text = text.replace(f"# {commented}", commented)
+    scenario.write_text(text)
+    assert zs.plan(load_scenario(scenario).problem).success
+
+
+def test_a_machine_without_room_to_move_is_refused(bare: Path) -> None:
+    machine = zs.load_machine(bare)
+    stuck = replace(
+        machine.limits, position_lower=np.array([0.0, 0.5]), position_upper=np.array([0.0, 0.5])
+    )
+    with pytest.raises(zs.ProblemError, match="has room to move"):
+        find_starter(replace(machine, limits=stuck), zs.Slope())
 
 
 def test_the_whole_way_stands_at_rest_and_keeps_the_limits() -> None:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from zmp_sqp.commands.console import add_command, make_console, print_lines
-from zmp_sqp.commands.exit_codes import DONE
+from zmp_sqp.commands.exit_codes import DONE, UNSAFE
 from zmp_sqp.commands.machine_options import (
     add_machine_options,
     add_payload_options,
@@ -26,7 +26,7 @@ from zmp_sqp.mechanics.link_tree import default_tip
 from zmp_sqp.mechanics.urdf.limits_yaml import template
 from zmp_sqp.planning import Problem
 from zmp_sqp.scenario import load_scenario
-from zmp_sqp.scenario.starter import Starter, find_starter, starter_text
+from zmp_sqp.scenario.starter import TRIED, Starter, find_starter, starter_text
 
 __all__ = ["add_init", "run_init"]
 
@@ -37,7 +37,8 @@ DESCRIPTION = """\
 Write two files to start from: a scenario in which one joint of the machine swings, and a
 joint_limits.yaml with all limits that are known; those that planning lacks are marked in it. Start
 and goal are within the limits and stand at rest, as does everything between them, so that the
-scenario plans as it is once no limit is missing. Both files are full of comments: edit them.
+scenario plans as it is once no limit is missing. A machine that tips over wherever it was tried
+gets a place in the scenario for the polygon on which it stands, and exit code 1.
 """
 EXAMPLES = """\
 examples:
@@ -106,8 +107,8 @@ def run_init(arguments: argparse.Namespace) -> int:
     scenario.write_text(text, encoding="utf-8")
     console = make_console(None)
     print_lines(console, [f"wrote {scenario}", f"wrote {limits}"])
-    print_lines(console, _advice(machine, scenario, limits))
-    return DONE
+    print_lines(console, _advice(machine, starter, scenario, limits))
+    return UNSAFE if starter.margin <= 0.0 else DONE
 
 
 def _refuse_to_replace(files: Sequence[Path], *, force: bool) -> None:
@@ -126,7 +127,7 @@ def _check(machine: Machine, ground: Slope, starter: Starter) -> None:
     Raises:
         ProblemError: The problem is refused.
     """
-    if machine.support is None:
+    if not starter.stands:
         return
     limits = machine.limits
     sides = {"position_lower": -np.inf, "position_upper": np.inf}
@@ -174,7 +175,7 @@ def _heading(urdf: str, scenario: Path) -> str:
     )
 
 
-def _advice(machine: Machine, scenario: Path, limits: Path) -> Iterator[str]:
+def _advice(machine: Machine, starter: Starter, scenario: Path, limits: Path) -> Iterator[str]:
     """What is to be filled in before the scenario can be planned, or how to plan it."""
     missing = machine.limits.missing(machine.joint_names)
     if missing:
@@ -183,7 +184,12 @@ def _advice(machine: Machine, scenario: Path, limits: Path) -> Iterator[str]:
         yield f"fill in, in {limits}: {what} limits of {', '.join(joints)}"
     if machine.support is None:
         yield f"fill in, in {scenario}: the support polygon; start and goal are not checked without"
-    if not missing and machine.support is not None:
+    elif not starter.stands:
+        yield (
+            f"the machine tips over at rest in all poses that were tried ({TRIED} at random): see "
+            f"zmp-sqp inspect, and give the polygon on which it really stands in {scenario}"
+        )
+    if not missing and starter.stands:
         load_scenario(scenario)  # what was written is what was checked
         yield f"now: zmp-sqp plan {scenario}"
     else:

@@ -16,7 +16,7 @@ from zmp_sqp.errors import ContactLost, ProblemError
 from zmp_sqp.mechanics import Ground, Machine, stability_margin
 from zmp_sqp.mechanics.named_poses import named_poses
 
-__all__ = ["Starter", "find_starter", "starter_text"]
+__all__ = ["TRIED", "Starter", "find_starter", "starter_text"]
 
 SWINGS = {"rad": np.radians([90.0, 60.0, 30.0, 10.0]), "m": np.array([1.0, 0.5, 0.2, 0.05])}
 CHECKED = 33  # poses on the way from start to goal at which the machine has to stand
@@ -52,8 +52,8 @@ class Starter:
         joint: Name of the joint that swings.
         start: Joint coordinates at the start, shape (n,) [rad or m].
         goal: Joint coordinates at the goal, shape (n,) [rad or m].
-        margin: Distance between ZMP and edges to ask for [m]; NaN if the machine has no support
-            polygon, so that nothing is known of where it stands.
+        margin: Distance between ZMP and edges to ask for [m]; not positive if the machine tips over
+            on the way, NaN if it has no support polygon.
     """
 
     pose: str
@@ -61,6 +61,11 @@ class Starter:
     start: Array
     goal: Array
     margin: float
+
+    @property
+    def stands(self) -> bool:
+        """Whether the machine stands at rest all the way from start to goal."""
+        return self.margin > 0.0
 
 
 def find_starter(machine: Machine, ground: Ground) -> Starter:
@@ -74,20 +79,27 @@ def find_starter(machine: Machine, ground: Ground) -> Starter:
         machine: The machine; limits that are missing count as none.
         ground: Ground on which it stands.
 
+    Returns:
+        Start and goal. If no joint can swing from any pose that was tried, a swing from the first
+        pose from which one can swing within its limits, with a margin that is not positive.
+
     Raises:
-        ProblemError: No pose was found from which a joint can swing.
+        ProblemError: No joint can swing within its limits.
     """
+    best = None
     for name, exact in _poses(machine):
         pose = _rounded(machine, exact)
+        if best is not None and _least_margin(machine, ground, pose, pose) <= 0.0:
+            continue
         for joint, goal in _goals(machine, pose):
             margin = _least_margin(machine, ground, pose, goal)
             if not margin <= 0.0:  # NaN without support polygon
                 asked = float(np.minimum(MOST_ASKED, _round_down(ASKED * margin)))
                 return Starter(name, joint, pose, goal, asked)
-    raise ProblemError(
-        f"machine {machine.name!r} tips over at rest in all of {TRIED} poses that were tried: "
-        "look at its support polygon, masses and ground with zmp-sqp inspect"
-    )
+            best = best or Starter(name, joint, pose, goal, margin)
+    if best is None:
+        raise ProblemError(f"no joint of machine {machine.name!r} has room to move")
+    return best
 
 
 def starter_text(
@@ -114,7 +126,7 @@ def starter_text(
     lines += ["", f"title = {_toml(title)}", "", *_machine_lines(tables["machine"])]
     if "payload" not in tables["machine"]:
         lines += [line.format(frame=_toml(load)) for line in PAYLOAD_LINES]
-    if machine.support is None:
+    if not starter.stands:
         lines += SUPPORT_LINES
     lines += [
         "",
