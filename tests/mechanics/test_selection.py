@@ -100,7 +100,7 @@ def test_a_held_joint_is_the_joint_at_a_constant_coordinate(
 
 def test_joints_and_links_of_one_name_are_held_too() -> None:
     whole = zs.load_machine("feller_buncher")  # every link has the name of its joint
-    with pytest.warns(zs.MachineWarning, match="limits of joint 'boom', 'stick', 'head' are ign"):
+    with pytest.warns(zs.MachineWarning, match="limits of joints 'boom', 'stick', 'head' are ign"):
         part = zs.load_machine("feller_buncher", joints=["slew", "tilt"], hold={"boom": -0.5})
     assert part.held == {"boom": -0.5, "stick": pytest.approx(-0.3), "head": 0.0}
     tree = zs.Payload(4000.0, (0.0, 0.0, 3.3), "head")

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from zmp_sqp.arrays import Array, Indices
-from zmp_sqp.errors import MachineError
+from zmp_sqp.errors import GIVE_SUPPORT, MachineError
 from zmp_sqp.mechanics import Machine, Payload
 from zmp_sqp.mechanics.support import SupportPolygon
 
@@ -95,8 +95,7 @@ class Arm:
         """
         if self.machine.support is None:
             raise MachineError(
-                f"machine {self.machine.name!r} has no support polygon: "
-                "give one by support=... or with_support"
+                f"machine {self.machine.name!r} has no support polygon: {GIVE_SUPPORT.arguments}"
             )
         return self.machine.support
 

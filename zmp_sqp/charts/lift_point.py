@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from zmp_sqp.errors import MachineError
+from zmp_sqp.errors import GIVE_SUPPORT, MachineError
 from zmp_sqp.mechanics import Ground, Machine, Payload
 
 __all__ = ["carried_links", "check_machine", "unit_payload"]
@@ -24,11 +24,13 @@ def check_machine(machine: Machine, ground: Ground) -> None:
             f"machine must be a Machine (see load_machine), not {type(machine).__name__}"
         )
     if isinstance(ground, type) or not isinstance(ground, Ground):
-        raise MachineError(f"ground must have a gravity(yaw) as Slope has, not {ground!r}")
+        raise MachineError(
+            "ground must be a Slope, a Heightmap, or an object with their method gravity(yaw), "
+            f"not {ground!r}"
+        )
     if machine.support is None:
         raise MachineError(
-            f"machine {machine.name!r} has no support polygon: "
-            "give one by support=... or with_support"
+            f"machine {machine.name!r} has no support polygon: {GIVE_SUPPORT.arguments}"
         )
 
 

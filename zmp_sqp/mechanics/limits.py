@@ -153,7 +153,11 @@ def position_fault(joint: str, value: float, *, lower: float, upper: float, unit
 
 def ignored_limits(joints: Sequence[str]) -> str:
     """Sentence about limits for joints that are not planned."""
-    return f"limits of joint {', '.join(map(repr, joints))} are ignored: they are not planned"
+    one = len(joints) == 1
+    return (
+        f"limits of joint{'' if one else 's'} {', '.join(map(repr, joints))} are ignored: "
+        f"{'the joint is' if one else 'these joints are'} not planned"
+    )
 
 
 def without_unplanned(changes: Any, unplanned: Collection[str]) -> Any:

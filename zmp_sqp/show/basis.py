@@ -217,7 +217,8 @@ def _machine_in_words(machine: Machine) -> str:
     bodies = [body for body in machine.model.inertias if body.mass > 0.0]
     points = all(not frame.inertia.inertia.any() for frame in machine.model.frames)
     kind = ", point masses" if bodies and points else ""
-    return f"{machine.name}, {machine.mass:,.0f} kg with payload{kind}"
+    loaded = " with payload" if machine.payload_mass > 0.0 else ""
+    return f"{machine.name}, {machine.mass:,.0f} kg{loaded}{kind}"
 
 
 def _ground_in_words(ground: Ground) -> str:
