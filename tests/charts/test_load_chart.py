@@ -447,6 +447,32 @@ def test_a_jib_that_only_slews_has_one_point(tmp_path):
     assert chart.grid.rated[1, 1] == pytest.approx(0.75 * gross)
 
 
+def test_a_joint_that_cannot_move_is_no_hindrance(tmp_path):
+    """Limits of 0 and -0, as grippers have them in URDFs of others."""
+    crane = tower_crane(tmp_path)
+    limits = replace(
+        crane.limits,
+        position_lower=np.array([-7.0, 5.0, -7.0]),
+        position_upper=np.array([7.0, 5.0, -2.0]),
+    )
+    shifted = replace(crane, limits=limits)
+    chart = zs.load_chart(shifted, frame="hook", radii=[5.0], heights=[6.0])
+    free = zs.load_chart(crane, frame="hook", radii=[5.0], heights=[6.0])
+    assert chart.grid.rated == pytest.approx(free.grid.rated)
+    parts = [
+        body("base", 4000.0),
+        joint("slew", kind="revolute", parent="base", axis="0 0 1", limits=(-4.0, 4.0)),
+        body("slew", 50.0),
+        joint("boom", kind="prismatic", parent="slew", axis="1 0 0", limits=(3.0, 6.0)),
+        body("boom", 10.0),
+        joint("finger", kind="prismatic", parent="boom", axis="1 0 0", limits=(0.0, -0.0)),
+        body("finger", 1.0),
+    ]
+    fixed = load(tmp_path, "finger", parts)
+    found = zs.load_chart(fixed, frame="finger", radii=[4.0], heights=[0.0], attachment=[])
+    assert found.grid.tipping[0, 0] == pytest.approx((4050.0 * HALF - 11.0 * 2.0) / 2.0)
+
+
 def test_rows_do_not_depend_on_the_slew_of_the_poses(feller):
     arm = Arm.of(feller, "head", np.zeros(3))
     payload = zs.Payload(1.0, (0.0, 0.0, 0.0), "head")

@@ -69,7 +69,9 @@ class Arm:
         neutral = np.clip(np.zeros(machine.size), lower, upper)
         at, every = (machine, frame, offset), np.arange(machine.size)
         found = cls(*at, 0, every, np.zeros(2), 1.0, neutral, index)
-        probes = np.random.default_rng(0).uniform(lower, upper, (PROBES, machine.size))
+        # not `uniform`, which refuses limits of 0 and -0
+        shares = np.random.default_rng(0).random((PROBES, machine.size))
+        probes = lower + shares * (upper - lower)
         moving = [joint for joint in range(machine.size) if found._moves(joint, probes)]
         if not moving:
             raise MachineError(

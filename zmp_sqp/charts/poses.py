@@ -67,10 +67,8 @@ class Poses:
         lower, upper = arm.box
         samples = np.tile(neutral, (SAMPLES, 1))
         samples[:, arm.slew] = arm.neutral[arm.slew]
-        random = np.random.default_rng(0)
-        samples[:, arm.joints] = random.uniform(
-            lower[arm.joints], upper[arm.joints], (SAMPLES, len(arm.joints))
-        )
+        shares = np.random.default_rng(0).random((SAMPLES, len(arm.joints)))
+        samples[:, arm.joints] = lower[arm.joints] + shares * (upper - lower)[arm.joints]
         everything = cls(arm, vertical, samples, np.empty((0, 2)), 1.0)
         if vertical is not None:
             samples, reached = everything.project(samples, np.empty((SAMPLES, 0)))
