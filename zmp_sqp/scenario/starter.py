@@ -73,7 +73,7 @@ def find_starter(machine: Machine, ground: Ground) -> Starter:
 
     Hence a slow motion between them is safe, and a plan will be found. Of the poses with a name
     (see `named_poses`) the first one is taken from which a joint can swing; the first planned joint
-    is tried first, and large swings before small ones.
+    that turns is tried first, and large swings before small ones.
 
     Args:
         machine: The machine; limits that are missing count as none.
@@ -197,10 +197,14 @@ def _range(machine: Machine) -> tuple[Array, Array]:
 
 
 def _goals(machine: Machine, start: Array) -> Iterator[tuple[str, Array]]:
-    """Goals that differ from a start by the swing of one joint, with the name of that joint."""
+    """Goals that differ from a start by the swing of one joint, with the name of that joint.
+
+    Joints that turn come before those that slide.
+    """
     lower = np.nan_to_num(machine.limits.position_lower, nan=-np.inf)
     upper = np.nan_to_num(machine.limits.position_upper, nan=np.inf)
-    for i, (name, unit) in enumerate(zip(machine.joint_names, machine.joint_units, strict=True)):
+    joints = enumerate(zip(machine.joint_names, machine.joint_units, strict=True))
+    for i, (name, unit) in sorted(joints, key=lambda joint: joint[1][1] == "m"):
         for swing in SWINGS[unit]:
             for sign in (1.0, -1.0):
                 goal = start.copy()
