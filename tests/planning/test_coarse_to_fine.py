@@ -74,6 +74,30 @@ def test_the_search_from_coarse_to_fine_settles_where_one_on_the_fine_grid_settl
     assert ends <= found.duration * (1.0 + 1e-6) <= (1.0 + LEFT) * ends
 
 
+@pytest.mark.parametrize(
+    ("intervals", "grids"), [(7, [7]), (8, [4, 8]), (99, [49, 99]), (200, [25, 50, 100, 200])]
+)
+def test_grids_are_halved_while_enough_intervals_are_left(intervals: int, grids: list[int]) -> None:
+    task = task_of(replace(random_problem(4, HARD).problem, intervals=intervals))
+    found, runs = searched(task)
+    assert found.is_feasible
+    assert [run.intervals for run in runs.runs if "probe" not in run.purpose] == grids
+
+
+@pytest.mark.parametrize(("intervals", "parts"), [(31, 1), (40, 2), (98, 2), (100, 4)])
+def test_intervals_of_a_motion_at_the_bound_are_parts_of_coarse_ones(
+    intervals: int, parts: int
+) -> None:
+    task = task_of(replace(random_problem(1016, HARD).problem, intervals=intervals))
+    found = at_the_bound(task, Runs.start("auto", None, None))
+    assert found is not None
+    assert found.is_feasible
+    steps = found.program.grid.steps
+    assert len(steps) == intervals
+    by_coarse = steps.reshape(-1, parts)
+    np.testing.assert_allclose(by_coarse, by_coarse[:, :1] + 0.0 * by_coarse)
+
+
 def coarse_candidate(task: Task, intervals: int) -> Candidate:
     """Where a search on a coarse grid ends."""
     coarse = task_of(replace(task.problem, intervals=intervals))

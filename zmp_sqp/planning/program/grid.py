@@ -132,6 +132,11 @@ class Grid:
         rate = w + h * np.einsum("c,kcn->kn", once, controls)
         return position, rate, np.einsum("c,kcn->kn", level, controls)
 
+    def divided(self, parts: int) -> Grid:
+        """Grid with every interval divided into equal parts."""
+        inner = self.nodes[:-1, None] + self.steps[:, None] * (np.arange(parts) / parts)
+        return Grid(np.append(inner.ravel(), self.nodes[-1]), uniform=False)
+
     def parents(self, fine: Grid) -> Array:
         """Index of the interval of this grid that each interval of a finer grid lies in, (N_fine,).
 

@@ -23,10 +23,11 @@ __all__ = ["RESUMED", "explore", "on_finer_grid", "transferred"]
 # above the lower bound.
 GUESSES = ((1.15, True), (1.5, True), (2.5, False))
 FAR_ABOVE = 1.1  # duration per lower bound
-LEAST_COARSE = 4  # fewest intervals of a coarse grid
-# the run on the coarse grid only prepares that on the fine one, and ends early
+LEAST_COARSE = 4  # fewest intervals of a grid that is half as fine as the problem's
+COARSEST = 25  # fewest intervals of still coarser ones
+# runs on coarse grids only prepare that on the finest one, and end early
 COARSE = SQPSettings(converged=1e-3, coarse=1e-2, excess_from=0.0)
-RESUMED = SQPSettings(resumed=True)
+RESUMED, RESUMED_COARSE = SQPSettings(resumed=True), replace(COARSE, resumed=True)
 SLOW = 5.0  # duration per lower bound at which inertial forces hardly move the ZMP (1/25)
 LESS = 0.95  # a slow motion is pursued if its violation is below this share of the best one's
 # statuses after which no further guess is tried
@@ -60,31 +61,43 @@ def _rank(candidate: Candidate) -> tuple[bool, float]:
 
 
 def _coarse_to_fine(task: Task, runs: Runs, pace: float, *, smooth: bool) -> Candidate:
-    """SQP run on a grid of half as many intervals, continued on the full grid."""
-    intervals, refines = task.problem.first_intervals, task.problem.refines
-    grids = [Grid.of(intervals)]
-    if intervals >= 2 * LEAST_COARSE:
-        grids.insert(0, Grid.of(intervals // 2))
-    controls, duration = task.guess(pace * task.least, grids[0].size, smooth=smooth)
-    program = task.program(duration, grids[0])
-    settings = COARSE if len(grids) > 1 and not refines else SQPSettings()
+    """SQP run on a coarse grid, continued on grids twice as fine up to the problem's own."""
+    sizes = _grid_sizes(task.problem.first_intervals)
+    controls, duration = task.guess(pace * task.least, sizes[0], smooth=smooth)
+    program = task.program(duration, Grid.of(sizes[0]))
+    settings = COARSE if len(sizes) > 1 and not task.problem.refines else SQPSettings()
     shape = "cubic" if smooth else "bang-coast-bang"
     purpose = f"{shape}, {pace:g} x bound"
     point = program.pack(controls, duration**2)
     found = runs.minimize(program, point, settings, purpose=purpose)
-    if len(grids) == 1 or runs.is_late:
-        return found
-    return on_finer_grid(task, runs, found, grids[1])
+    if found.result.status is SQPStatus.INFEASIBLE:  # only the finest grid may change that
+        sizes = sizes[-2:]
+    for size in sizes[1:]:
+        if runs.is_late:
+            break
+        settings = RESUMED if size == sizes[-1] else RESUMED_COARSE
+        found = on_finer_grid(task, runs, found, Grid.of(size), settings)
+    return found
 
 
-def on_finer_grid(task: Task, runs: Runs, found: Candidate, grid: Grid) -> Candidate:
+def _grid_sizes(intervals: int) -> list[int]:
+    """Numbers of intervals from coarse to fine, each about half of the next."""
+    sizes = [intervals]
+    while sizes[0] >= 2 * (LEAST_COARSE if len(sizes) == 1 else COARSEST):
+        sizes.insert(0, sizes[0] // 2)
+    return sizes
+
+
+def on_finer_grid(
+    task: Task, runs: Runs, found: Candidate, grid: Grid, settings: SQPSettings = RESUMED
+) -> Candidate:
     """SQP run on a finer grid, started from motion and multipliers on a coarser one."""
     fine = task.program(found.program.reference, grid)
     point, y, z = transferred(found, fine)
     purpose, status = "finer grid", found.result.status
     if status is SQPStatus.INFEASIBLE:  # a finer grid may still be feasible
         return runs.minimize(fine, point, SQPSettings(), purpose=purpose)
-    finer = runs.minimize(fine, point, RESUMED, y=y, z=z, purpose=purpose)
+    finer = runs.minimize(fine, point, settings, y=y, z=z, purpose=purpose)
     return replace(finer, coarser=found.duration if status.is_feasible else None)
 
 

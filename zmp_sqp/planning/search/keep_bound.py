@@ -28,7 +28,8 @@ PROBES = ((ABOVE, False), (ABOVE, True), (0.0, True))
 LEAST_PER_PHASE = 2  # fewest intervals in each phase of the deciding coordinate
 PURPOSE = "probe at the bound"
 SHORTEST_STEPS = ", shortest steps"  # what the record of its iteration adds to the QP solver
-LEAST_COARSE = 8  # fewest intervals of the coarse grid; with less the full grid is used
+LEAST_COARSE = 8  # fewest intervals of a grid that is half as fine as the problem's
+COARSEST = 25  # fewest intervals of a still coarser one
 
 
 def at_the_bound(
@@ -72,8 +73,8 @@ def _probe(
     """Feasible motion that is slower than the bound by a relative `stretch`, by a few short steps.
 
     The steps (`nearest_feasible`) are taken on a grid with nodes at the switching times of the
-    deciding coordinate. Half of the intervals are enough for that; the motion found is then
-    transferred to all.
+    deciding coordinate. A coarse grid is enough for that; the motion found is then transferred to
+    all intervals.
 
     Args:
         task: The planning task.
@@ -87,8 +88,8 @@ def _probe(
     if motion is None:
         return None
     intervals = task.problem.first_intervals
-    halved = intervals % 2 == 0 and intervals >= 2 * LEAST_COARSE
-    coarse = aligned_grid(motion, intervals // 2 if halved else intervals)
+    parts = _intervals_per_coarse_one(intervals)
+    coarse = aligned_grid(motion, intervals // parts)
     program = task.program(motion.duration, coarse)
     if guess is not None:
         controls = guess(coarse)
@@ -109,9 +110,8 @@ def _probe(
         )
         return None
     point, at, excess = found.point, found.at, found.excess
-    if halved:
-        middles = 0.5 * (coarse.nodes[1:] + coarse.nodes[:-1])
-        fine = Grid(np.sort(np.concatenate([coarse.nodes, middles])), uniform=False)
+    if parts > 1:
+        fine = coarse.divided(parts)
         controls = coarse.on(fine, program.unpack(point)[2])
         program = task.program(motion.duration, fine)
         point = program.pack(controls, motion.duration**2)
@@ -121,6 +121,14 @@ def _probe(
     reached = Candidate(program, result)
     runs.record(PURPOSE, reached)
     return reached
+
+
+def _intervals_per_coarse_one(intervals: int) -> int:
+    """How many of the problem's intervals make one of the coarse grid, a power of two."""
+    size, parts = intervals, 1
+    while size % 2 == 0 and size >= 2 * (LEAST_COARSE if parts == 1 else COARSEST):
+        size, parts = size // 2, 2 * parts
+    return parts
 
 
 def _bang_bang_at_bound(task: Task) -> Candidate | None:
