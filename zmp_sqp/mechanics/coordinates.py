@@ -55,11 +55,12 @@ class Coordinates:
 
     def coordinates_of(self, q: Array) -> Array:
         """Coordinates y of joint coordinates q (n,) in the range of the map, shape (m,)."""
-        return np.asarray(np.linalg.lstsq(self.G, q - self.origin, rcond=None)[0])
+        return self.rates_of(q - self.origin)
 
     def rates_of(self, v: Array) -> Array:
         """Coordinate rates of joint rates v (n,) in the range of G, shape (m,)."""
-        return np.asarray(np.linalg.lstsq(self.G, v, rcond=None)[0])
+        # columns of G are orthogonal, because each joint follows at most one coordinate
+        return np.array(v) if self.is_identity else v @ self.G / (self.G**2).sum(axis=0)
 
     def limits(self, joints: JointLimits) -> JointLimits:
         """Tightest limits that the joints place on each coordinate; effort limits are NaN."""

@@ -67,6 +67,8 @@ class JointLimits:
 
     def followed_by(self, more: JointLimits) -> JointLimits:
         """Limits of these n joints, followed by those of `more` joints."""
+        if not len(more.velocity):
+            return self
         return JointLimits(
             *(np.concatenate([getattr(self, key), getattr(more, key)]) for key in KEYS)
         )

@@ -9,12 +9,13 @@ from __future__ import annotations
 import threading
 from collections import OrderedDict
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
-from zmp_sqp.arrays import Array
+from zmp_sqp.arrays import Array, Indices
 from zmp_sqp.mechanics.joint_coupling import JointCoupling
 from zmp_sqp.mechanics.machine import Machine
 
@@ -222,7 +223,7 @@ def effort_derivatives(
     for row, (one_q, one_v, one_a) in enumerate(zip(*states, strict=True)):
         differentiate(model, data, one_q, one_v, one_a)
         effort[row], by_q[row], by_v[row], by_a[row] = tau, dtau_dq, dtau_dv, mass
-    lower = np.tril_indices(size, -1)
+    lower = _lower_triangle(size)
     by_a[:, lower[0], lower[1]] = by_a[:, lower[1], lower[0]]
     coupling = machine.coupling
     if joints:
@@ -263,6 +264,12 @@ def _workspace(model: Any) -> _Workspace:
     else:
         latest.move_to_end(id(model))
     return found
+
+
+@lru_cache(maxsize=64)
+def _lower_triangle(size: int) -> tuple[Indices, Indices]:
+    """Rows and columns of the entries below the diagonal."""
+    return np.tril_indices(size, -1)
 
 
 def _stack(

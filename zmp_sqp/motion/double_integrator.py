@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +19,6 @@ __all__ = [
 ]
 
 ROUNDING = 1e-9  # [rad or m] difference of two distances that counts as rounding
-BISECTIONS = 60
 SMALLEST = 1e-150  # added to, or least value of, denominators that may be zero
 
 
@@ -129,7 +129,8 @@ def timed_motion(
     .. math:: D(p) = \frac{v_0 + p}{2} t_1 + p\, t_2 + \frac{p + v_1}{2} t_3, \quad
               t_1 = |p - v_0| / a, \; t_3 = |v_1 - p| / a, \; t_2 = T - t_1 - t_3
 
-    grows with p as long as there is time to coast, dD/dp = t_2, so that p is found by bisection.
+    grows with p as long as there is time to coast, dD/dp = t_2, and is linear in p between v_0 and
+    v_1 and quadratic beyond, so that p is found in closed form.
 
     Args:
         distance: Signed displacement [rad or m].
@@ -157,10 +158,17 @@ def timed_motion(
     slack = ROUNDING * max(1.0, abs(distance))
     if not short - slack <= distance <= long + slack:
         return None
-    for _ in range(BISECTIONS):
-        peak = 0.5 * (lowest + highest)
-        lowest, highest = (peak, highest) if covered(peak) < distance else (lowest, peak)
-    peak = 0.5 * (lowest + highest)
+    slow, fast = min(v0, v1), max(v0, v1)
+    # beyond the rates at the ends by x, D differs by x spare - x^2 / a
+    if (more := distance - covered(fast)) > 0.0:
+        root = math.sqrt(max(spare**2 - 4.0 * more / a, 0.0))
+        peak = fast + 2.0 * more / max(spare + root, SMALLEST)
+    elif (less := covered(slow) - distance) > 0.0:
+        root = math.sqrt(max(spare**2 - 4.0 * less / a, 0.0))
+        peak = slow - 2.0 * less / max(spare + root, SMALLEST)
+    else:
+        peak = slow - less / max(spare, SMALLEST)
+    peak = min(max(peak, lowest), highest)
     first, last = abs(peak - v0) / a, abs(v1 - peak) / a
     phases = np.array([first, max(duration - first - last, 0.0), last])
     return phases, np.array([np.sign(peak - v0) * a, 0.0, np.sign(v1 - peak) * a])

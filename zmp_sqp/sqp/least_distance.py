@@ -11,7 +11,7 @@ import numpy.typing as npt
 from zmp_sqp.arrays import Array
 from zmp_sqp.sqp.backends import QPBackend
 from zmp_sqp.sqp.iterate import is_feasible
-from zmp_sqp.sqp.nlp import Evaluation, NonlinearProgram
+from zmp_sqp.sqp.nlp import Evaluation, Linearization, NonlinearProgram
 from zmp_sqp.sqp.qp import QP, QPSolution
 
 __all__ = ["Nearest", "nearest_feasible"]
@@ -30,10 +30,12 @@ FIRST_CONTRACTION, CONTRACTION = 0.6, 0.35
 SMALL = 3e-2  # violation after the first step up to which its contraction does not matter
 # violation up to which a step keeps the last QP's matrices (simplified Newton method)
 SIMPLIFIED_BELOW = 2e-3
+AGAIN = 0.2  # contraction by such a step that makes another one worth while
+LIKELY_ABOVE = 0.2  # violation above which another step mostly follows the next one
 EXCESS_BELOW = 1e-3  # violation of nonlinear rows below which their excess is added
 EXCESS_FACTOR, EXCESS_GUARD = 1.05, 2e-6  # the excess is added times this factor plus this guard
 # tolerance of QPs: a share of the violation, within bounds
-QP_SHARE, LEAST_TOLERANCE, LARGEST_TOLERANCE = 1e-2, 1e-8, 1e-3
+QP_SHARE, LEAST_TOLERANCE, LARGEST_TOLERANCE = 1e-3, 1e-8, 1e-3
 EQUALITY = 2e-7  # largest violation of an equality at a feasible point
 
 
@@ -107,48 +109,48 @@ class _Search:
     def run(self, point: Any) -> Nearest:
         program, violations = self.program, list[float]()
         after_simplified = False
+        # derivatives are computed with the values where a step from the point is likely to follow
+        lin: Linearization | None = program.linearize(point)
         while True:
-            at = self._values(point)
+            at = self._with_excess(point, program.evaluate(point) if lin is None else lin.at)
             violations.append(at.violation)
             feasible = is_feasible(at, program.tolerance, EQUALITY)
             if feasible or self.steps >= STEPS or not at.is_finite():
                 break
-            may_help = self.tolerance < at.violation <= SIMPLIFIED_BELOW and not after_simplified
+            contracts = not after_simplified or violations[-1] <= AGAIN * violations[-2]
+            may_help = self.tolerance < at.violation <= SIMPLIFIED_BELOW and contracts
             if self.last_qp is not None and may_help:
                 moved = self._simplified_step(at)
                 if moved is not None:
-                    point, after_simplified = moved, True
+                    point, after_simplified, lin = moved, True, None
                     continue
             if not after_simplified and not _contracts(violations):
                 break
-            moved, after_simplified = self._step(point, at), False
+            moved, after_simplified = self._step(point, lin or program.linearize(point), at), False
             if moved is None:
                 break
             point = moved
+            lin = program.linearize(point) if at.violation > LIKELY_ABOVE else None
         rows = 0 if self.keep is None else int(self.keep.sum())
         spent = self.steps, self.inner, rows
         return Nearest(point, feasible, at, self.excess, *spent, self.solved_by)
 
-    def _values(self, point: Any) -> Evaluation:
-        at = self.program.evaluate(point)
+    def _with_excess(self, point: Any, at: Evaluation) -> Evaluation:
+        """Values with the excess added, which is computed once, near feasibility."""
         worst = at.inequalities[: self.program.nonlinear].max(initial=0.0)
         if self.excess is None and worst < EXCESS_BELOW:
             raw = self.program.excess(point, at, fine=False)
             if raw is not None:
                 self.excess = EXCESS_FACTOR * raw + EXCESS_GUARD
-        return self._added(at)
-
-    def _added(self, at: Evaluation) -> Evaluation:
         if self.excess is None:
             return at
         inequalities = at.inequalities.copy()
         inequalities[: len(self.excess)] += self.excess
         return replace(at, inequalities=inequalities)
 
-    def _step(self, point: Any, at: Evaluation) -> Any | None:
+    def _step(self, point: Any, lin: Linearization, at: Evaluation) -> Any | None:
         """Point after the least-distance step; None if the QP is not solved."""
         program = self.program
-        lin = program.linearize(point)
         reach = NEAR + (REACH * at.violation if self.keep is None else 0.0)
         keep = (at.inequalities > -reach) & lin.C.leading(at.inequalities)
         if self.keep is not None:

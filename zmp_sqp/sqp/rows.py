@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -62,7 +64,14 @@ class Pattern:
 
     def matrix(self, data: Array) -> sp.csc_matrix:
         """CSC matrix with data from `data`."""
-        return sp.csc_matrix((data, self.indices, self.indptr), shape=self.shape)
+        found = copy(self._template)  # a constructor would check indices again, which is slow
+        found.data = data
+        return found
+
+    @cached_property
+    def _template(self) -> sp.csc_matrix:
+        nothing = np.zeros(len(self.indices))
+        return sp.csc_matrix((nothing, self.indices, self.indptr), shape=self.shape)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,14 +97,9 @@ class Rows:
         if mask.all():
             return self.matrix
         matrix = self.matrix
-        kept = mask[matrix.indices]
-        number = np.cumsum(mask) - 1
-        starts = np.concatenate([[0], np.cumsum(kept)])[matrix.indptr]
-        return sp.csc_matrix(
-            (
-                matrix.data[kept],
-                number[matrix.indices[kept]].astype(np.int32),
-                starts.astype(np.int32),
-            ),
-            shape=(int(mask.sum()), matrix.shape[1]),
-        )
+        kept = np.flatnonzero(mask[matrix.indices])
+        number = np.cumsum(mask, dtype=np.int32) - np.int32(1)
+        rows = number[matrix.indices[kept]]
+        starts = np.searchsorted(kept, matrix.indptr).astype(np.int32)
+        shape = int(number[-1]) + 1, matrix.shape[1]
+        return sp.csc_matrix((matrix.data[kept], rows, starts), shape=shape)

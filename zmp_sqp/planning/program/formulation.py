@@ -73,8 +73,13 @@ def boundaries(problem: Problem) -> tuple[Boundary, Boundary]:
     return sides[0], sides[1]
 
 
-def path_bounds(problem: Problem) -> PathBounds:
-    """Limits of a problem's coordinates, tightened by `LIMIT_GUARD`; no bound on the duration."""
+def path_bounds(problem: Problem, start: Boundary, goal: Boundary) -> PathBounds:
+    """Limits of a problem's coordinates, tightened by `LIMIT_GUARD`; no bound on the duration.
+
+    Args:
+        problem: Problem to plan.
+        start, goal: Its `boundaries`, which the limits contain.
+    """
     machine = problem.machine
     limits = problem.coordinates.limits(machine.limits).followed_by(problem.undercarriage.limits)
     if problem.distance_limits is not None:
@@ -82,7 +87,7 @@ def path_bounds(problem: Problem) -> PathBounds:
         limits = boom_limits(lumped, problem.distance_limits, limits)
     lower = np.maximum(limits.position_lower, -UNBOUNDED) + LIMIT_GUARD
     upper = np.minimum(limits.position_upper, UNBOUNDED) - LIMIT_GUARD
-    sides = boundaries(problem)
+    sides = start, goal
     both, rates = np.vstack([side.q for side in sides]), [side.v for side in sides]
     # with a boundary rate v_0 above the tightened limit v, the row (v_0 - v) sqrt(S) <= 0 would
     # hold for S = 0 only

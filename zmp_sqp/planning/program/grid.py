@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ NESTED = 12  # decimals to which nodes are compared, to tell whether one grid co
 SAMPLES = 8  # per interval, for the least-squares projection on a grid that is not nested
 
 
+@lru_cache(maxsize=64)
 def shapes(s: float) -> tuple[Array, Array, Array]:
     r"""Shape functions of an interval: acceleration, rate and position per unit end acceleration.
 

@@ -3,15 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
 from zmp_sqp.arrays import Array, Indices
 from zmp_sqp.planning.program.grid import ENDS
-from zmp_sqp.planning.program.stages import STATE, Stages
+from zmp_sqp.planning.program.stages import CACHED, STATE, Shape, Stages, state_columns
 
-__all__ = ["LEAST_SHARE", "Boundary", "LimitRows", "PathBounds", "PositionBound"]
+__all__ = [
+    "LEAST_SHARE",
+    "Boundary",
+    "LimitKinds",
+    "LimitRows",
+    "PathBounds",
+    "PositionBound",
+    "limit_columns",
+]
 
 # inner Bernstein points of an interval's positions, which are cubic: q + p h w, with q and w at the
 # interval's start for p > 0 and at its end for p < 0
@@ -72,6 +80,22 @@ class PositionBound:
     bound: float
 
 
+@dataclass(frozen=True, slots=True)
+class LimitKinds:
+    """Which limits have rows, whatever their values.
+
+    Attributes:
+        upper, lower: Coordinates with an upper and a lower limit of their positions.
+        moving: Whether rates at start or goal are not zero.
+        axes: Axis of each bound on x or y of a driving base.
+    """
+
+    upper: tuple[int, ...]
+    lower: tuple[int, ...]
+    moving: bool
+    axes: tuple[int, ...]
+
+
 class LimitRows:
     """Inequality rows of the limits of coordinates and duration; not positive where they hold.
 
@@ -106,28 +130,14 @@ class LimitRows:
         self.upper = np.flatnonzero(np.abs(bounds.position_upper) < FAR)
         self.lower = np.flatnonzero(np.abs(bounds.position_lower) < FAR)
         self.least = (bounds.least_duration / reference) ** 2
+        axes = tuple(bound.axis for bound in position_bounds)
+        sides = tuple(self.upper.tolist()), tuple(self.lower.tolist())
+        self.kinds = LimitKinds(*sides, self.moving, axes)
 
-    @cached_property
-    def columns(self) -> list[Indices]:
+    @property
+    def columns(self) -> tuple[Indices, ...]:
         """Variables in each group of rows, shape (rows, width) each; -1 for given states."""
-        stages, N, n = self.stages, self.stages.grid.size, self.stages.n
-        x, sigma = stages.columns, stages.size - 1
-        both = [x[:N, :n], x[:N, n : 2 * n], x[1:, :n], x[1:, n : 2 * n], np.full((N, n), sigma)]
-        hermite = np.stack(both, axis=-1)  # (N, n, 5)
-        controls = np.repeat(hermite[:, None], ENDS, axis=1).reshape(-1, 5)
-        node = x[1:N, n : 2 * n].ravel()
-        nodes = np.column_stack([node, np.full(len(node), sigma)])
-        groups = [controls, controls, nodes, nodes, hermite.reshape(-1, 5), hermite.reshape(-1, 5)]
-        for point in POSITION_POINTS:
-            at = x[:N] if point > 0.0 else x[1:]
-            for which in (self.upper, self.lower):
-                by_sigma = np.full(N * len(which), sigma if self.moving else -1)
-                parts = [at[:, which].ravel(), at[:, n + which].ravel(), by_sigma]
-                groups.append(np.column_stack(parts))
-        for bound in self.position_bounds:
-            groups.append(x[1:N, 2 * n + bound.axis][:, None])
-        groups.append(np.array([[sigma]]))
-        return groups
+        return limit_columns(self.stages.shape, self.kinds)
 
     @cached_property
     def rate_rows(self) -> slice:
@@ -148,15 +158,18 @@ class LimitRows:
             controls: Scaled accelerations, shape (N, 2 n).
             sigma: Scaled squared duration.
         """
-        stages, n = self.stages, self.stages.n
+        n, h = self.stages.n, self.stages.grid.steps[:, None]
         q, w = states[:, :n], states[:, n : 2 * n]
-        control = np.tile(self.control, ENDS) * sigma
         rate = self.rate * np.sqrt(sigma)
-        h = stages.grid.steps[:, None]
         middle = w[:-1] + MIDDLE * h * self._control_step * controls[:, :n]
-        parts = [controls - control, -controls - control, w[1:-1] - rate, -w[1:-1] - rate]
-        parts += [middle - rate, -middle - rate]
-        step = stages.rate_scale * h
+        parts: list[Array] = []
+        for values, limit in (
+            (controls.reshape(-1, ENDS, n), self.control * sigma),
+            (w[1:-1], rate),
+            (middle, rate),
+        ):
+            parts += [values - limit, -values - limit]
+        step = self.stages.rate_scale * h
         for point in POSITION_POINTS:
             at, rates = (q[:-1], w[:-1]) if point > 0.0 else (q[1:], w[1:])
             position = at + point * step * rates
@@ -172,63 +185,76 @@ class LimitRows:
         """Scaled rate per scaled acceleration and unit of normalised time, shape (n,)."""
         return self.stages.control_scale / self.stages.rate_scale
 
-    def entries(self, sigma: float) -> tuple[list[Array], Array]:
-        """Entries of the Jacobian, group by group, at a scaled squared duration.
+    def entries(self, sigma: float) -> tuple[Array, Array]:
+        """Entries of the Jacobian at a scaled squared duration, in the order of `columns`.
 
         Returns:
-            Arrays of the shapes of `columns`; derivatives by sigma due to boundary rates, (count,).
+            Entries of all groups; derivatives by sigma due to boundary rates, shape (count,).
         """
-        stages, n, N = self.stages, self.stages.n, self.stages.grid.size
-        sqrt_derivative = 0.5 / np.sqrt(sigma)
-        first, last = sqrt_derivative * self.first, sqrt_derivative * self.last
-        by_sigma = sqrt_derivative * self.rate
-        u, groups, added = stages.control_entries, [], []
+        constant, by_root, through_boundary = self._entries
+        root = 0.5 / np.sqrt(sigma)  # derivative of sqrt(sigma)
+        return constant + root * by_root, root * through_boundary
 
-        def add(
-            entries: Array, at_first: Array | None = None, at_last: Array | None = None
-        ) -> None:
-            """Add a group (N, R, width), with the effect of boundary rates on its end intervals."""
-            through_boundary = np.zeros(entries.shape[:2])
-            if at_first is not None:
-                through_boundary[0] += at_first
-            if at_last is not None:
-                through_boundary[-1] += at_last
-            if self.moving and entries.shape[2] > 1:
-                entries[..., -1] += through_boundary
-            groups.append(entries)
-            added.append(through_boundary.ravel())
-
-        for sign in (1.0, -1.0):
-            of_controls = np.empty((N, ENDS, n, 5))
-            of_controls[..., :4], of_controls[..., 4] = sign * u, -self.control
-            start, end = of_controls[0, ..., 1] * first, of_controls[-1, ..., 3] * last
-            unscaled = 1.0 / STATE  # boundary rates are no variables, so STATE does not apply
-            add(
-                of_controls.reshape(N, ENDS * n, 5),
-                unscaled * start.ravel(),
-                unscaled * end.ravel(),
-            )
-        for sign in (1.0, -1.0):
-            of_nodes = np.empty((N - 1, n, 2))
-            of_nodes[..., 0], of_nodes[..., 1] = sign * STATE, -by_sigma
-            add(of_nodes)
+    @cached_property
+    def _entries(self) -> tuple[Array, Array, Array]:
+        """Entries that are constant, those per derivative of sqrt(sigma), and `entries`' second."""
+        stages, n, N, width = self.stages, self.stages.n, self.stages.grid.size, 5
+        constant, by_root = ([np.zeros(group.shape) for group in self.columns] for _ in range(2))
+        through = [np.zeros(len(group)) for group in self.columns]
+        u = stages.control_entries
         step = (MIDDLE * stages.grid.steps[:, None] * self._control_step)[..., None]
-        for sign in (1.0, -1.0):
-            of_middle = np.empty((N, n, 5))
-            of_middle[..., :4] = sign * step * u[:, 0]
-            of_middle[..., 1] += sign * STATE
-            of_middle[..., 4] = -by_sigma
-            start, end = of_middle[0, :, 1] * first, of_middle[-1, :, 3] * last
-            add(of_middle, start / STATE, end / STATE)
+        for i, sign in enumerate((1.0, -1.0)):
+            controls, nodes, middles = constant[i], constant[2 + i], constant[4 + i]
+            of_controls = controls.reshape(N, ENDS, n, width)
+            of_controls[..., :-1], of_controls[..., -1] = sign * u, -self.control
+            nodes[:, 0] = sign * STATE
+            of_middles = middles.reshape(N, 1, n, width)
+            of_middles[:, 0, :, :-1] = sign * step * u[:, 0]
+            of_middles[..., 1] += sign * STATE
+            by_root[2 + i].reshape(-1, n, 2)[..., -1] = -self.rate
+            by_root[4 + i].reshape(-1, n, width)[..., -1] = -self.rate
+            for rows, flat in ((of_controls, through[i]), (of_middles, through[4 + i])):
+                ends = flat.reshape(N, -1, n)  # boundary rates are no variables: without STATE
+                ends[0] += rows[0, ..., 1] * self.first / STATE
+                ends[-1] += rows[-1, ..., 3] * self.last / STATE
+        at = 6
         for point in POSITION_POINTS:
             for which, sign in ((self.upper, 1.0), (self.lower, -1.0)):
-                step = point * stages.grid.steps[:, None] * stages.rate_scale[which]
-                of_positions = np.zeros((N, len(which), 3))
-                of_positions[..., 0], of_positions[..., 1] = sign * STATE, sign * step * STATE
-                start = sign * step[0] * first[which] if point > 0.0 else None
-                end = sign * step[-1] * last[which] if point < 0.0 else None
-                add(of_positions, start, end)
+                by_rate = sign * point * stages.grid.steps[:, None] * stages.rate_scale[which]
+                positions = constant[at].reshape(N, len(which), -1)
+                positions[..., 0], positions[..., 1] = sign * STATE, by_rate * STATE
+                k, given = (0, self.first) if point > 0.0 else (-1, self.last)
+                through[at].reshape(N, len(which))[k] += by_rate[k] * given[which]
+                at += 1
         for bound in self.position_bounds:
-            add(np.full((N - 1, 1, 1), bound.sign * STATE))
-        add(np.full((1, 1, 1), -1.0))
-        return groups, np.concatenate(added)
+            constant[at][:] = bound.sign * STATE
+            at += 1
+        constant[-1][:] = -1.0
+        if self.moving:
+            for group, added in zip(by_root, through, strict=True):
+                if group.shape[1] > 1:
+                    group[:, -1] += added
+        whole = [np.concatenate([part.ravel() for part in group]) for group in (constant, by_root)]
+        return whole[0], whole[1], np.concatenate(through)
+
+
+@lru_cache(maxsize=CACHED)
+def limit_columns(shape: Shape, kinds: LimitKinds) -> tuple[Indices, ...]:
+    """`LimitRows.columns`."""
+    x, sigma, N, n = state_columns(shape), shape.size - 1, shape.N, shape.n
+    both = [x[:N, :n], x[:N, n : 2 * n], x[1:, :n], x[1:, n : 2 * n], np.full((N, n), sigma)]
+    hermite = np.stack(both, axis=-1)  # (N, n, 5)
+    controls = np.repeat(hermite[:, None], ENDS, axis=1).reshape(-1, 5)
+    node = x[1:N, n : 2 * n].ravel()
+    nodes = np.column_stack([node, np.full(len(node), sigma)])
+    groups = [controls, controls, nodes, nodes, hermite.reshape(-1, 5), hermite.reshape(-1, 5)]
+    for point in POSITION_POINTS:
+        at = x[:N] if point > 0.0 else x[1:]
+        for side in (kinds.upper, kinds.lower):
+            which = np.array(side, dtype=int)
+            by_sigma = np.full(N * len(which), sigma if kinds.moving else -1)
+            parts = [at[:, which].ravel(), at[:, n + which].ravel(), by_sigma]
+            groups.append(np.column_stack(parts))
+    groups += [x[1:N, 2 * n + axis][:, None] for axis in kinds.axes]
+    groups.append(np.array([[sigma]]))
+    return tuple(groups)

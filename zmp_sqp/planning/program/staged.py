@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from zmp_sqp.arrays import Array, Indices
+from zmp_sqp.arrays import Array
 from zmp_sqp.mechanics.bounds.payload_spread import moment_of_spread
 from zmp_sqp.planning.program.corner_jacobian import CornerJacobian
 from zmp_sqp.planning.program.driving.displacements import Displacements
@@ -23,10 +22,11 @@ from zmp_sqp.planning.program.limits import (
     PathBounds,
     PositionBound,
 )
+from zmp_sqp.planning.program.patterns import Patterns, patterns_of
 from zmp_sqp.planning.program.rows import StageRows
 from zmp_sqp.planning.program.stages import STATE, Stages, clipped
 from zmp_sqp.sqp.nlp import Evaluation, Linearization
-from zmp_sqp.sqp.rows import Pattern, Rows
+from zmp_sqp.sqp.rows import Rows
 
 __all__ = ["Motion", "StagedProgram"]
 
@@ -88,15 +88,6 @@ class _Memory:
     C: Rows | CornerJacobian
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Patterns:
-    """Sparsity patterns of Hessian H, inequality Jacobian C and equality Jacobian A."""
-
-    H: Pattern
-    C: Pattern
-    A: Pattern | None
-
-
 class StagedProgram:
     r"""Minimum-time motions whose accelerations are linear within the intervals of a grid.
 
@@ -135,7 +126,7 @@ class StagedProgram:
         drive: Positions | None = None,
         position_bounds: tuple[PositionBound, ...] = (),
     ) -> None:
-        """Scale the program and build its sparsity patterns.
+        """Scale the program.
 
         Args:
             rows: Rows of the path constraints; their reference duration scales time.
@@ -174,7 +165,6 @@ class StagedProgram:
         per_row = np.tile(rows.tolerance, grid.size * POINTS)
         linear = np.full(self.limits.count, LINEAR_TOLERANCE)
         self.tolerance = np.concatenate([per_row, linear])
-        self._patterns = self._cached_patterns()
 
     # --- points -----------------------------------------------------------------------------
 
@@ -372,8 +362,7 @@ class StagedProgram:
         maps = stages.mapped
         if base_positions is not None and self.drive is not None:
             maps = self.drive.with_positions(stages, displacements, maps)
-        groups, by_ends = self.limits.entries(sigma)
-        entries = np.concatenate([group.ravel() for group in groups])
+        entries, by_ends = self.limits.entries(sigma)
         limits = Rows(self._patterns.C.matrix(self._patterns.C.data(entries)))
         ends = np.zeros((2, stages.m))
         half = 0.5 / np.sqrt(sigma) / STATE
@@ -465,14 +454,14 @@ class StagedProgram:
     def _inequality_entries(self, blocks: Array, sigma: float) -> tuple[Array, Array]:
         """Entries of the inequality Jacobian, and `by_ends` of `_Memory`, shape (m,)."""
         nonlinear = blocks.reshape(self.grid.size, -1, self.stages.m)
-        groups, added = self.limits.entries(sigma)
+        of_limits, added = self.limits.entries(sigma)
         by_ends = np.zeros(nonlinear.shape[:2])
         if self.limits.moving:
             before = nonlinear[:, :, -1].copy()
             nonlinear = self._folded(nonlinear, sigma)
             by_ends = nonlinear[:, :, -1] - before
-        entries = [nonlinear.ravel(), *(group.ravel() for group in groups)]
-        return np.concatenate(entries), np.concatenate([by_ends.ravel(), added])
+        entries = np.concatenate([nonlinear.ravel(), of_limits])
+        return entries, np.concatenate([by_ends.ravel(), added])
 
     def _curvature(self, memory: _Memory, y: Array, z: Array, share: float) -> Array:
         """Hessian blocks by stage variables (x_k, u_k, sigma), clipped, shape (N, m, m).
@@ -536,74 +525,11 @@ class StagedProgram:
         second_derivative = max(0.0, -0.5 / sigma * through_ends)
         blocks[:, -1, -1] += second_derivative / self.grid.size
 
-    @property
-    def _rows_in_pattern(self) -> int:
-        """Number of nonlinear rows per point in the pattern of C; 0 for a `CornerJacobian`."""
-        return self.rows.count if self.rows.models is None else 0
-
-    def _cached_patterns(self) -> _Patterns:
-        limits = self.limits
-        key = (
-            self.grid.size,
-            self.n,
-            self._rows_in_pattern,
-            self.stages.positions,
-            self.stages.free,
-            limits.moving,
-            tuple(limits.upper.tolist()),
-            tuple(limits.lower.tolist()),
-            tuple((bound.axis, bound.sign) for bound in limits.position_bounds),
-        )
-        return _patterns_of(_Key(key, self))
-
-
-class _Key:
-    """Cache key of a program: equal for programs with equal sparsity patterns."""
-
-    def __init__(self, key: Hashable, program: StagedProgram) -> None:
-        self.key, self.program = key, program
-
-    def __hash__(self) -> int:
-        return hash(self.key)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Key) and self.key == other.key
-
-
-@lru_cache(maxsize=64)
-def _patterns_of(key: _Key) -> _Patterns:
-    program = key.program
-    key.program = None  # type: ignore[assignment]  # the cache would keep it alive
-    stages, N = program.stages, program.grid.size
-    m, size = stages.m, stages.size
-    columns = stages.stage_columns
-    H = Pattern(
-        np.repeat(columns, m, axis=1).ravel(),
-        np.tile(columns, (1, m)).ravel(),
-        (size, size),
-        upper=True,
-    )
-    count = POINTS * program._rows_in_pattern
-    groups = [np.repeat(columns, count, axis=0), *program.limits.columns]
-    C = Pattern(*_entry_indices(groups), (N * count + program.limits.count, size))
-    if program.drive is None:
-        return _Patterns(H, C, None)
-    gaps = program.gaps
-    row = np.arange(2 * gaps).reshape(gaps, 2)
-    after = stages.columns[1 : gaps + 1, stages.places]
-    A = Pattern(
-        np.concatenate([np.repeat(row, m, axis=1).ravel(), row.ravel()]),
-        np.concatenate([np.repeat(columns[:gaps], 2, axis=0).ravel(), after.ravel()]),
-        (2 * gaps, size),
-    )
-    return _Patterns(H, C, A)
-
-
-def _entry_indices(groups: list[Indices]) -> tuple[Indices, Indices]:
-    """Row and column indices of the entries, from the columns of each row, group by group."""
-    widths = np.concatenate([np.full(len(group), group.shape[1]) for group in groups])
-    rows = np.repeat(np.arange(len(widths)), widths)
-    return rows, np.concatenate([group.ravel() for group in groups])
+    @cached_property
+    def _patterns(self) -> Patterns:
+        """Sparsity patterns; that of C has no nonlinear rows where it is a `CornerJacobian`."""
+        rows = POINTS * self.rows.count if self.rows.models is None else 0
+        return patterns_of(self.stages.shape, self.gaps, rows, self.limits.kinds)
 
 
 def _parabola(s: float, start: Array, end: Array, middle: Array) -> Array:

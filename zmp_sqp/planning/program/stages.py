@@ -30,19 +30,40 @@ position, sigma), called mapped stage variables, which are those of the quadrati
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
 from zmp_sqp.arrays import Array, Indices
 from zmp_sqp.planning.program.grid import ENDS, Grid, shapes
 
-__all__ = ["STATE", "Stages"]
+__all__ = ["CACHED", "STATE", "Shape", "Stages", "stage_columns", "state_columns"]
 
 # scaled state per unit of a quadratic program's variable, chosen so that the proximal terms of
 # interior-point methods act on states and sigma with equal weight
 STATE = 0.1
+CACHED = 64  # index arrays of programs of this many shapes are kept
 DROPPED = 1e-13  # relative to the largest entry of a map: smaller ones are rounding, set to zero
+
+
+class Shape(NamedTuple):
+    """Numbers that determine where the variables are, see `Stages`."""
+
+    N: int
+    n: int
+    positions: int
+    free: tuple[int, ...]
+
+    @property
+    def nx(self) -> int:
+        """Number of entries of a state."""
+        return 2 * self.n + self.positions
+
+    @property
+    def size(self) -> int:
+        """Number of variables of the quadratic programs."""
+        return (self.N - 1) * self.nx + len(self.free) + 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,25 +117,25 @@ class Stages:
         """Mapped stage variables that are the rates at the interval's end."""
         return slice(self.nx + self.n, self.nx + 2 * self.n)
 
+    @property
+    def shape(self) -> Shape:
+        """Numbers that determine where the variables are."""
+        return Shape(self.grid.size, self.n, self.positions, self.free)
+
     @cached_property
     def size(self) -> int:
         """Number of variables of the quadratic programs."""
-        return (self.grid.size - 1) * self.nx + len(self.free) + 1
+        return self.shape.size
 
-    @cached_property
+    @property
     def columns(self) -> Indices:
         """Index of the variable for each entry of each state, (N + 1, nx); -1 where it is given."""
-        index = np.full((self.grid.size + 1, self.nx), -1)
-        inner = np.arange((self.grid.size - 1) * self.nx)
-        index[1:-1] = inner.reshape(self.grid.size - 1, self.nx)
-        index[-1, list(self.free)] = np.arange(self.size - 1 - len(self.free), self.size - 1)
-        return index
+        return state_columns(self.shape)
 
-    @cached_property
+    @property
     def stage_columns(self) -> Indices:
         """Index of the variable for each mapped stage variable, (N, m); -1 where it is given."""
-        sigma = np.full((self.grid.size, 1), self.size - 1)
-        return np.hstack([self.columns[:-1], self.columns[1:, : 2 * self.n], sigma])
+        return stage_columns(self.shape)
 
     @cached_property
     def scale(self) -> Array:
@@ -216,6 +237,26 @@ class Stages:
         """QR factors of the transposed `at_middle`: Q (K, m, 3n + 1), and R, upper triangular."""
         Q, R = np.linalg.qr(self.at_middle.transpose(0, 2, 1))
         return Q, R
+
+
+@lru_cache(maxsize=CACHED)
+def state_columns(shape: Shape) -> Indices:
+    """`Stages.columns`."""
+    index = np.full((shape.N + 1, shape.nx), -1)
+    index[1:-1] = np.arange((shape.N - 1) * shape.nx).reshape(shape.N - 1, shape.nx)
+    index[-1, list(shape.free)] = np.arange(shape.size - 1 - len(shape.free), shape.size - 1)
+    index.flags.writeable = False
+    return index
+
+
+@lru_cache(maxsize=CACHED)
+def stage_columns(shape: Shape) -> Indices:
+    """`Stages.stage_columns`."""
+    columns = state_columns(shape)
+    sigma = np.full((shape.N, 1), shape.size - 1)
+    index = np.hstack([columns[:-1], columns[1:, : 2 * shape.n], sigma])
+    index.flags.writeable = False
+    return index
 
 
 def clipped(blocks: Array, share: float) -> Array:

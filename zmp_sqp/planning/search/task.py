@@ -165,7 +165,7 @@ class Task:
 def task_of(problem: Problem) -> Task:
     """Planning task of a problem."""
     start, goal = boundaries(problem)
-    bounds = path_bounds(problem)
+    bounds = path_bounds(problem, start, goal)
     limits = problem.machine.limits
     lower_bound = max(
         problem.undercarriage.least_duration,
