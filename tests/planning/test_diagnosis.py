@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 import zmp_sqp as zs
+from benchmarks.problems.blocked import blocked_problem
 from benchmarks.problems.paper import paper_scene
+from zmp_sqp.planning.problem.statics import gentler
+from zmp_sqp.planning.search.diagnosis import ITERATIONS
+from zmp_sqp.planning.search.run import Candidate, Runs
 
 START = np.array([0.0, -np.pi / 6, -2 * np.pi / 3, np.pi / 6, -np.pi / 2])
 GOAL = START + np.array([np.pi, 0.0, 0.0, 0.0, 0.0])
@@ -104,3 +109,42 @@ def test_only_a_plan_without_success_is_diagnosed() -> None:
         zs.diagnose(plan)
     with pytest.raises(zs.ProblemError, match="takes a Plan"):
         zs.diagnose(None)
+
+
+@pytest.mark.parametrize("seed", [1, 3, 4])
+def test_what_a_diagnosis_recommends_is_planned(seed: int) -> None:
+    problem = blocked_problem(seed)
+    plan = zs.plan(problem)
+    assert not plan.success
+    found = zs.diagnose(plan)
+    advised = []
+    if found.largest_payload is not None:
+        share = found.largest_payload / problem.machine.payload_mass
+        assert 0.0 < share < 1.0
+        advised.append(replace(problem, machine=problem.machine.with_payload_scaled(share)))
+    if found.steepest_slope is not None:
+        whole = np.arccos(np.cos(problem.ground.roll) * np.cos(problem.ground.pitch))
+        assert 0.0 <= found.steepest_slope < whole
+        advised.append(
+            replace(problem, ground=gentler(problem.ground, found.steepest_slope / whole))
+        )
+    assert advised
+    for changed in advised:
+        assert zs.plan(changed).success
+
+
+def test_a_diagnosis_takes_few_iterations(monkeypatch: pytest.MonkeyPatch) -> None:
+    taken: list[int] = []
+    minimize = Runs.minimize
+
+    def counting(runs: Runs, *arguments: Any, **options: Any) -> Candidate:
+        found = minimize(runs, *arguments, **options)
+        taken.append(len(found.result.history))
+        return found
+
+    plan = zs.plan(blocked_problem(0))
+    monkeypatch.setattr(Runs, "minimize", counting)
+    found = zs.diagnose(plan)
+    assert found.largest_payload is not None
+    assert found.steepest_slope is not None
+    assert 0 < sum(taken) <= 2 * ITERATIONS

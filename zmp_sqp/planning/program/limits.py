@@ -232,7 +232,7 @@ class LimitRows:
         constant[-1][:] = -1.0
         if self.moving:
             for group, added in zip(by_root, through, strict=True):
-                if group.shape[1] > 1:
+                if len(group.T) > 1:
                     group[:, -1] += added
         whole = [np.concatenate([part.ravel() for part in group]) for group in (constant, by_root)]
         return whole[0], whole[1], np.concatenate(through)

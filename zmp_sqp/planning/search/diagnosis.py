@@ -12,15 +12,15 @@ from zmp_sqp.mechanics.ground import Ground, Slope
 from zmp_sqp.planning.problem.problem import Problem
 from zmp_sqp.planning.problem.statics import gentler, largest_share, tilt_of
 from zmp_sqp.planning.search.answer import Plan, Status
-from zmp_sqp.planning.search.planner import plan
+from zmp_sqp.planning.search.single_thread import one_blas_thread
+from zmp_sqp.planning.search.trials import Found, Trials
 
 __all__ = ["Diagnosis", "diagnose"]
 
 LEAST_SHARE = 1e-3  # share of the payload used for "no payload": its mass must be positive
-HALVINGS = 4  # bisection steps, one plan each: shares of payload and slope are found to 2^-4
-
-# plans a changed problem, which is described in words; tells whether that succeeded
-Works = Callable[[Callable[[], Problem], str], bool]
+HALVINGS = 4  # bisection steps: shares of payload and slope are found to 2^-4
+ITERATIONS = 15  # of the SQP, to find heavier payloads and, as many again, steeper slopes
+Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,16 +50,19 @@ class Diagnosis:
     edge: str
 
 
+@one_blas_thread()
 def diagnose(
     found: Plan,
     *,
     time_budget: float | None = 10.0,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Diagnosis:
-    """Find the largest payload and the steepest slope for which planning succeeds.
+    """Find the largest payload and the steepest slope for which there is a safe motion.
 
-    Plans again with less payload, then on gentler slopes, by bisection. Start, goal and all other
-    arguments of the problem are kept.
+    Looks for any safe motion, fast or slow, with less payload and then on gentler slopes: by
+    bisection with a few shortest steps from the last motion found, then upwards with an SQP on a
+    coarse grid. What is reported is certified. Start, goal and all other arguments of the problem
+    are kept.
 
     That the given problem has no solution is not proven: the last motion of a search is only the
     least-violating one that was found. What is proven impossible, such as a goal that tips the
@@ -67,8 +70,8 @@ def diagnose(
 
     Args:
         found: A plan without success.
-        time_budget: Time budget of each of the at most 12 plans [s]; None for no limit.
-        progress: Called before each plan with a description of the payload or slope.
+        time_budget: Wall time of each attempt, of which there are about 12 [s]; None for no limit.
+        progress: Called before each attempt with a description of the payload or slope.
 
     Returns:
         The diagnosis; payload and slope are None for a plan that failed because of the terrain.
@@ -84,14 +87,9 @@ def diagnose(
     if found.status is Status.TERRAIN:  # the path is at fault, not payload or slope
         return Diagnosis(found.message, None, None, checked.margin_at, np.inf, "")
 
-    def works(changed: Callable[[], Problem], words: str) -> bool:
-        progress(words)
-        try:
-            return plan(changed(), qp_solver=found.qp_solver, time_budget=time_budget).success
-        except ZmpSqpError:  # the machine tips over or lifts off at rest at the start or the goal
-            return False
-
-    payload, slope = _largest_payload(problem, works), _steepest_slope(problem, works)
+    budget = found.qp_solver, time_budget
+    payload = _largest_payload(problem, Trials(*budget, ITERATIONS), progress)
+    slope = _steepest_slope(problem, Trials(*budget, ITERATIONS), progress)
     support = problem.machine.support
     return Diagnosis(
         message=f"{found.message}{_advice(problem, payload, slope)}",
@@ -103,35 +101,65 @@ def diagnose(
     )
 
 
-def _largest_payload(problem: Problem, works: Works) -> float | None:
+def _largest_payload(problem: Problem, trials: Trials, progress: Progress) -> float | None:
     """Heaviest payload below the given one for which a motion was found [kg]; None if for none."""
     machine = problem.machine
     if machine.payload_mass <= 0.0:
         return None
 
-    def carries(share: float) -> bool:
+    def with_less(share: float) -> Problem:
         share = max(share, LEAST_SHARE)
-        words = f"with a payload of {share * machine.payload_mass:.0f} kg"
-        return works(lambda: replace(problem, machine=machine.with_payload_scaled(share)), words)
+        progress(f"with a payload of {share * machine.payload_mass:.0f} kg")
+        return replace(problem, machine=machine.with_payload_scaled(share))
 
-    share = largest_share(carries, halvings=HALVINGS)
+    share = _largest_share(with_less, trials)
     return None if share is None else max(share, LEAST_SHARE) * machine.payload_mass
 
 
-def _steepest_slope(problem: Problem, works: Works) -> float | None:
+def _steepest_slope(problem: Problem, trials: Trials, progress: Progress) -> float | None:
     """Tilt of the steepest slope on which a motion was found [rad]; None if on none."""
     ground = problem.ground
     if not isinstance(ground, Slope) or not _is_inclined(ground):
         return None
 
-    def climbs(share: float) -> bool:
+    def on_gentler(share: float) -> Problem:
         less = gentler(ground, share)
         roll, pitch = np.degrees([less.roll, less.pitch])
-        words = f"with roll {roll:.1f} and pitch {pitch:.1f} degrees"
-        return works(lambda: replace(problem, ground=less), words)
+        progress(f"with roll {roll:.1f} and pitch {pitch:.1f} degrees")
+        return replace(problem, ground=less)
 
-    share = largest_share(climbs, halvings=HALVINGS)
+    share = _largest_share(on_gentler, trials)
     return None if share is None else tilt_of(gentler(ground, share))
+
+
+def _largest_share(changed: Callable[[float], Problem], trials: Trials) -> float | None:
+    """Largest share below 1 at which a motion was found that is proven safe; None if at none.
+
+    Args:
+        changed: Problem at a share; may raise a ZmpSqpError where it is impossible at rest.
+        trials: Attempts to find a motion.
+    """
+    motions: dict[float, Found] = {}
+
+    def works(share: float, attempt: Callable[[Problem], Found | None]) -> bool:
+        try:
+            motion = attempt(changed(share))
+        except ZmpSqpError:  # the machine tips over or lifts off at rest at the start or the goal
+            return False
+        if motion is not None:
+            motions[share] = motion
+        return motion is not None
+
+    largest_share(lambda share: works(share, trials.by_steps), halvings=HALVINGS)
+    least = step = 2.0**-HALVINGS
+    while trials.iterations > 0 and (share := max(motions, default=-step) + step) < 1.0:
+        if works(share, trials.by_search):
+            step *= 2.0
+        elif step == least:
+            break
+        else:
+            step = least
+    return next((share for share in sorted(motions, reverse=True) if motions[share].is_safe), None)
 
 
 def _is_inclined(ground: Ground) -> bool:

@@ -17,7 +17,7 @@ from zmp_sqp.sqp.iterate import is_feasible
 from zmp_sqp.sqp.least_distance import EQUALITY, Nearest, nearest_feasible
 from zmp_sqp.sqp.result import IterationRecord, SQPResult, SQPStatus
 
-__all__ = ["ABOVE", "at_the_bound"]
+__all__ = ["ABOVE", "at_the_bound", "intervals_per_coarse_one"]
 
 # relative excess of the duration over the lower bound: at the bound itself the deciding joint has
 # only one motion
@@ -88,7 +88,7 @@ def _probe(
     if motion is None:
         return None
     intervals = task.problem.first_intervals
-    parts = _intervals_per_coarse_one(intervals)
+    parts = intervals_per_coarse_one(intervals)
     coarse = aligned_grid(motion, intervals // parts)
     program = task.program(motion.duration, coarse)
     if guess is not None:
@@ -123,7 +123,7 @@ def _probe(
     return reached
 
 
-def _intervals_per_coarse_one(intervals: int) -> int:
+def intervals_per_coarse_one(intervals: int) -> int:
     """How many of the problem's intervals make one of the coarse grid, a power of two."""
     size, parts = intervals, 1
     while size % 2 == 0 and size >= 2 * (LEAST_COARSE if parts == 1 else COARSEST):
