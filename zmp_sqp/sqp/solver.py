@@ -43,6 +43,7 @@ MANY_INNER = 28  # iterations of the QP solver that count as costly
 NEAR = 0.08
 FIRST_NEAR = 0.2
 RELAXED_NEAR = 0.5
+WHOLLY_DECISIVE = 3  # first iterations with all `decisive` rows, unless the run is resumed
 DECISIVE_ABOVE = 3e-3  # violation above which the QP contains the program's `decisive` rows
 # tolerance of QPs: a share of the violation, within bounds
 QP_SHARE, LEAST_TOLERANCE, LARGEST_TOLERANCE = 1e-2, 1e-8, 1e-4
@@ -261,7 +262,7 @@ class SQP:
         if number > 0 or settings.resumed:
             moved = FIRST_NEAR if iterate.step is None else iterate.step
             keep = (keep & (values > -(NEAR + moved))) | (iterate.z > 0.0)
-        early = number < WHOLLY_CLIPPED
+        early = number < WHOLLY_DECISIVE and not settings.resumed
         if iterate.violation > DECISIVE_ABOVE or early:
             keep = keep | program.decisive(iterate.point, early=early)
         share = np.clip(QP_SHARE * iterate.violation, LEAST_TOLERANCE, LARGEST_TOLERANCE)

@@ -129,7 +129,7 @@ def effort_curvature(sample: StageSample, weights: Array) -> Array:
     """Hessian of `weights . efforts` by (q, w, alpha, S), by differences of analytic derivatives.
 
     Args:
-        sample: K states.
+        sample: K states; their derivatives are not computed again if they are known.
         weights: Weight of each of the R efforts times S, shape (K, R).
 
     Returns:
@@ -140,9 +140,9 @@ def effort_curvature(sample: StageSample, weights: Array) -> Array:
     q, w, alpha = sample.q, sample.w, sample.alpha
     count, n = q.shape
     by_momentum = model.has_momentum_rate and weights.shape[1] == WRENCH
-    still, one = np.zeros((1, n)), np.eye(n)
+    one = np.eye(n)
     # by q with a small step; efforts are quadratic in w, so any step is exact there
-    steps_q, steps_w = np.vstack([still, DIFFERENCE * one]), np.zeros((1 + n, n))
+    steps_q, steps_w = DIFFERENCE * one, np.zeros((n, n))
     if not by_momentum:
         steps_q, steps_w = np.vstack([steps_q, 0.0 * one]), np.vstack([steps_w, one])
     shifted_q = (q[:, None] + steps_q).reshape(-1, n)
@@ -152,8 +152,8 @@ def effort_curvature(sample: StageSample, weights: Array) -> Array:
         positions = np.repeat(positions, len(steps_q), axis=0)
     _, jacobian = model.effort_derivatives(shifted_q, shifted_w, repeated, sample.S, positions)
     jacobian = jacobian[:, :, : 3 * n + 1].reshape(count, len(steps_q), -1, 3 * n + 1)
-    gradient = (weights[:, None, None] @ jacobian)[:, :, 0]
-    change = gradient[:, 1:] - gradient[:, :1]
+    here = sample.effort_derivatives[1][:, None, :, : 3 * n + 1]
+    change = (weights[:, None, None] @ (jacobian - here))[:, :, 0]
     H = np.zeros((count, 3 * n + 1, 3 * n + 1))
     H[:, :n] = change[:, :n] / DIFFERENCE
     H[:, :n, :n] = 0.5 * (H[:, :n, :n] + H[:, :n, :n].transpose(0, 2, 1))

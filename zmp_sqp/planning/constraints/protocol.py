@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Protocol, runtime_checkable
 
-from zmp_sqp.arrays import Array
+from zmp_sqp.arrays import Array, Indices
 from zmp_sqp.mechanics.bounds.effort_bounds import EffortBound
 from zmp_sqp.mechanics.coordinates import Coordinates
 from zmp_sqp.mechanics.machine import Machine
@@ -98,6 +98,17 @@ class StageSample:
     alpha: Array
     S: float
     positions: Array | None = None
+
+    def at(self, some: Indices) -> StageSample:
+        """Sample of some of the states, with their derivatives if these are known."""
+        positions = None if self.positions is None else self.positions[some]
+        found = StageSample(
+            self.model, self.q[some], self.w[some], self.alpha[some], self.S, positions
+        )
+        if "effort_derivatives" in self.__dict__:
+            efforts, jacobian = self.effort_derivatives
+            found.__dict__["effort_derivatives"] = efforts[some], jacobian[some]
+        return found
 
     @cached_property
     def efforts(self) -> Array:

@@ -277,7 +277,11 @@ class StageRows:
             state, row = np.divmod(np.arange(len(q) * self.count), self.count)
             jacobian = found.derivatives(state, row)
             return found.values, jacobian.reshape(len(q), self.count, -1)
-        (sample,) = self._samples(q, w, alpha, S, positions)
+        return self.linearized(self.sample(0, q, w, alpha, S, positions))
+
+    def linearized(self, sample: StageSample) -> tuple[Array, Array]:
+        """Results of `linearize` for a single corner, from a sample that keeps its derivatives."""
+        S = sample.S
         efforts, by_state = sample.effort_derivatives
         jacobian = self.matrices[0] @ by_state
         jacobian[:, :, 3 * self.size] += self.offsets[0] / self.S
@@ -380,6 +384,8 @@ class StageRows:
         S: float,
         weights: Array,
         positions: Array | None = None,
+        *,
+        known: StageSample | None = None,
     ) -> Array:
         """Hessian of `weights . rows` by (q, w, alpha, S), shape (K, 3n + 1, 3n + 1).
 
@@ -390,15 +396,16 @@ class StageRows:
             q, w, alpha, S, positions: As for `StageModel.efforts`.
             weights: Weight (multiplier) of each row, shape (K, E). States where all weights of a
                 group of rows are zero are skipped.
+            known: The same states with derivatives that need not be computed again, of a single
+                corner; None if there are none.
         """
         n, corners = self.size, len(self.corners)
         H = np.zeros((len(q), 3 * n + 1, 3 * n + 1))
         by_corner = weights[:, : self.of_corners].reshape(len(q), corners, self.per_corner)
 
         def sample(corner: int, some: Indices) -> StageSample:
-            where = None if positions is None else positions[some]
-            model = self.corners[corner].model
-            return StageSample(model, q[some], w[some], alpha[some], S, where)
+            whole = known or self.sample(corner, q, w, alpha, S, positions)
+            return whole.at(some)
 
         def add(groups: tuple[ConstraintRows, ...], corner: int, parts: Array) -> None:
             at = 0
@@ -423,11 +430,18 @@ class StageRows:
         add(self.common, 0, weights[:, self.of_corners :])
         return H
 
+    def sample(
+        self, corner: int, q: Array, w: Array, alpha: Array, S: float, positions: Array | None
+    ) -> StageSample:
+        """K states with the model of a corner."""
+        return StageSample(self.corners[corner].model, q, w, alpha, S, positions)
+
     def _samples(
         self, q: Array, w: Array, alpha: Array, S: float, positions: Array | None
     ) -> list[StageSample]:
         """K states with the model of each corner."""
-        return [StageSample(corner.model, q, w, alpha, S, positions) for corner in self.corners]
+        each = range(len(self.corners))
+        return [self.sample(corner, q, w, alpha, S, positions) for corner in each]
 
 
 def _tolerance(rows: ConstraintRows) -> Array:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.mechanics.bounds.payload_spread import moment_of_spread
+from zmp_sqp.planning.constraints.protocol import StageSample
 from zmp_sqp.planning.program.corner_jacobian import CornerJacobian
 from zmp_sqp.planning.program.driving.displacements import Displacements
 from zmp_sqp.planning.program.driving.positions import Positions
@@ -42,9 +43,8 @@ INSIDE = (0.2113, 0.7887)
 INSIDE_FINE = (0.1, 0.2, 0.3, 0.4, 0.6, 0.7, 0.8, 0.9)
 DUST = 1e-7  # relative to the largest multiplier: rows with smaller ones add no curvature
 LINEAR_TOLERANCE = 2e-7  # largest scaled violation of a limit at a solution
-# `decisive` selects an acceleration limit where the acceleration is above 1 - 0.6 of it, in the
-# first iterations above 1 - 0.9 of it
-DECISIVE, DECISIVE_EARLY = 0.6, 0.9
+# `decisive` selects an acceleration limit where the acceleration is above 1 - 0.6 of it
+DECISIVE = 0.6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,6 +78,7 @@ class _Memory:
             (m,); of the limits only where `C` is a `CornerJacobian`.
         displacements: Displacements of a driving base, or None.
         C: Jacobian of the inequalities.
+        sample: The states with the derivatives of their efforts; None for a `CornerJacobian`.
     """
 
     motion: Motion
@@ -86,6 +87,7 @@ class _Memory:
     by_ends: Array
     displacements: Any
     C: Rows | CornerJacobian
+    sample: StageSample | None
 
 
 class StagedProgram:
@@ -244,8 +246,15 @@ class StagedProgram:
     def linearize(self, point: Motion) -> Linearization:
         """Values and first derivatives of objective and constraints at a motion."""
         states, base_positions, displacements = self._samples(point)
-        expand = self._all_rows if self.rows.models is None else self._rows_on_demand
-        values, C, by_ends = expand(states, base_positions, displacements, point.sigma)
+        sample: StageSample | None = None
+        C: Rows | CornerJacobian
+        if self.rows.models is None:
+            S = point.sigma * self.reference**2
+            sample = self.rows.sample(0, *states, S, base_positions)
+            values, C, by_ends = self._all_rows(sample, displacements, point.sigma)
+        else:
+            expanded = self._rows_on_demand(states, base_positions, displacements, point.sigma)
+            values, C, by_ends = expanded
         A = None
         if self.drive is not None and self._patterns.A is not None:
             by_stage = self.drive.end_derivatives(self.stages, displacements)
@@ -254,7 +263,7 @@ class StagedProgram:
             A = self._patterns.A.matrix(
                 self._patterns.A.data(np.concatenate([by_stage.ravel(), identity]))
             )
-        memory = _Memory(point, states, base_positions, by_ends, displacements, C)
+        memory = _Memory(point, states, base_positions, by_ends, displacements, C, sample)
         at = self._evaluation(point, values, base_positions)
         return Linearization(at, self._gradient(point), A, C, memory)
 
@@ -291,14 +300,12 @@ class StagedProgram:
         return self._patterns.H.matrix(self._patterns.H.data(blocks.ravel()))
 
     def decisive(self, point: Motion, *, early: bool) -> Mask:
-        """Mask of the acceleration limits that accelerations are near to, see `DECISIVE`."""
+        """Mask of acceleration limits: all of them early, then those that are near, `DECISIVE`."""
         mask = np.zeros(self.inequalities, dtype=bool)
-        near = (DECISIVE_EARLY if early else DECISIVE) * point.sigma
-        limit = np.tile(self.limits.control, ENDS) * point.sigma
-        least = -np.tile(self.limits.control, ENDS) * near
-        u = point.controls
-        sides = np.concatenate([((u - limit) > least).ravel(), ((-u - limit) > least).ravel()])
-        mask[self.nonlinear : self.nonlinear + len(sides)] = sides
+        u, limit = point.controls, np.tile(self.limits.control, ENDS) * point.sigma
+        near = -DECISIVE * limit
+        sides = np.stack([(u - limit) > near, (-u - limit) > near]).ravel()
+        mask[self.nonlinear : self.nonlinear + len(sides)] = early | sides
         return mask
 
     def excess(self, point: Motion, at: Evaluation, *, fine: bool) -> Array | None:
@@ -327,20 +334,16 @@ class StagedProgram:
     # --- parts ------------------------------------------------------------------------------
 
     def _all_rows(
-        self,
-        states: tuple[Array, Array, Array],
-        base_positions: Array | None,
-        displacements: Any,
-        sigma: float,
+        self, sample: StageSample, displacements: Any, sigma: float
     ) -> tuple[Array, Rows, Array]:
         """Values (3N, E) of the nonlinear rows, Jacobian of all inequalities, and `by_ends`."""
-        S, N = sigma * self.reference**2, self.grid.size
-        values, jacobian = self.rows.linearize(*states, S, base_positions)  # (3N, E, 3n + 1 [+ 2])
+        N = self.grid.size
+        values, jacobian = self.rows.linearized(sample)  # (3N, E, 3n + 1 [+ 2])
         by_state = jacobian[:, :, : 3 * self.n + 1]
         start, end, middle = (
             by_state[i * N : (i + 1) * N] @ part for i, part in enumerate(self.stages.mapped)
         )
-        if base_positions is not None and self.drive is not None:
+        if sample.positions is not None and self.drive is not None:
             by_place = jacobian[:, :, 3 * self.n + 1 :]
             self.drive.add_position_derivatives(
                 self.stages, displacements, by_place, (start, end, middle)
@@ -480,7 +483,10 @@ class StagedProgram:
                 None if memory.base_positions is None else memory.base_positions[middle]
             )
             S = memory.motion.sigma * self.reference**2
-            blocks = self.rows.curvature(q, w, alpha, S, weights[active], base_positions)
+            known = None if memory.sample is None else memory.sample.at(middle)
+            blocks = self.rows.curvature(
+                q, w, alpha, S, weights[active], base_positions, known=known
+            )
         if self.drive is None:
             if blocks is not None:  # at most 3n + 1 eigenvalues of the block differ from zero
                 Q, R = (
