@@ -129,6 +129,16 @@ class BoundConstraints:
             return None
         return CornerModels.of([corner.model for corner in self.corners])
 
+    @cached_property
+    def matrices(self) -> tuple[Array, Array]:
+        """Factors of the efforts in all affine rows, (V, rows, R), and constants, (V, rows)."""
+        # corners with one payload share rows
+        numbers = [tuple(id(rows) for rows in corner.by_effort) for corner in self.corners]
+        distinct = dict(zip(numbers, self.corners, strict=True))
+        found = {number: _stacked(corner.by_effort) for number, corner in distinct.items()}
+        parts = [found[number] for number in numbers]
+        return np.stack([matrix for matrix, _ in parts]), np.stack([c for _, c in parts])
+
     @property
     def half_width(self) -> float:
         """Median distance of the support polygon's edges from the root axis, less margin [m]."""
@@ -223,9 +233,8 @@ class StageRows:
         self.corners, self.models = bound.corners, bound.models
         self.common = tuple(rows for _, rows in bound.common)
         self._others = [corner.others for corner in self.corners]
-        stacked = [_stacked(corner.by_effort, self.S) for corner in self.corners]
-        self.matrices = np.stack([matrix for matrix, _ in stacked])
-        self.offsets = np.stack([offset for _, offset in stacked])
+        factors, self.offsets = bound.matrices
+        self.matrices = factors / self.S
         self.effort_rows = self.matrices.shape[1]
         first = (*self.corners[0].by_effort, *self._others[0])
         tolerance = np.concatenate([_tolerance(rows) for rows in first])
@@ -448,9 +457,8 @@ def _tolerance(rows: ConstraintRows) -> Array:
     return np.full(len(rows.labels), rows.tolerance)
 
 
-def _stacked(rows: tuple[EffortRows, ...], S: float) -> tuple[Array, Array]:
-    """Matrix of the efforts times S, scaled by S_ref, and constants per unit of S / S_ref."""
+def _stacked(rows: tuple[EffortRows, ...]) -> tuple[Array, Array]:
+    """Factors of the efforts in rows, shape (rows, R), and constants, shape (rows,)."""
     columns = max(part.C.shape[1] for part in rows)
-    C = np.vstack([part.matrix(columns) for part in rows])
-    divisor = np.concatenate([part.divisor for part in rows])
-    return C / (divisor * S)[:, None], np.concatenate([part.c for part in rows])
+    factors = [part.matrix(columns) / part.divisor[:, None] for part in rows]
+    return np.vstack(factors), np.concatenate([part.c for part in rows])
