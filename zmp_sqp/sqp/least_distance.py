@@ -19,7 +19,9 @@ __all__ = ["Nearest", "nearest_feasible"]
 Mask = npt.NDArray[np.bool_]
 
 STEPS = 6  # QPs after which the search gives up
-INNER = 20  # iterations of an interior-point method at most: infeasible QPs do not converge
+# iterations of an interior-point method at most: infeasible QPs do not converge. Near feasibility
+# the QP has a solution, but hardly an interior where the objective leaves just one point
+INNER, INNER_NEAR = 20, 60
 ROUNDS = 3  # QPs per step at most, each with the rows added that the last solution violates
 NEAR = 0.05  # distance from the bound below which rows are in the QP
 REACH = 0.5  # in the first QP that distance is larger by this share of the violation
@@ -165,7 +167,8 @@ class _Search:
             C = _without_last(lin.C.selected(keep))
             nothing, u = np.zeros(program.size - 1), -at.inequalities[keep]
             qp = QP(self.H, nothing, A, -at.equalities, C, u)
-            solution = self.backend.solve(qp, tolerance=self.tolerance, iterations=INNER)
+            inner = INNER if at.violation > SIMPLIFIED_BELOW else INNER_NEAR
+            solution = self.backend.solve(qp, tolerance=self.tolerance, iterations=inner)
             self._count(solution)
             if not (solution.solved and solution.is_finite()):
                 return None
