@@ -91,6 +91,7 @@ LAYERS = {  # what a wing may import besides itself and the foundation
         "zmp_sqp.sqp",
         "zmp_sqp.planning",
     ),
+    "zmp_sqp.studies": ("zmp_sqp.mechanics", "zmp_sqp.planning"),
     "zmp_sqp.simulation": ("zmp_sqp.mechanics", "zmp_sqp.motion", "zmp_sqp.planning"),
 }
 

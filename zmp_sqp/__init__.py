@@ -7,6 +7,7 @@ from zmp_sqp.charts import LoadChart, SwingChart, load_chart, swing_chart
 from zmp_sqp.control import Planner, plan_stop
 from zmp_sqp.errors import (
     ContactLost,
+    Interrupted,
     MachineError,
     MachineWarning,
     MissingExtra,
@@ -65,6 +66,7 @@ from zmp_sqp.planning import (
 from zmp_sqp.planning.constraints import registry as _registry
 from zmp_sqp.planning.constraints.registry import *  # noqa: F403 - what is known by name
 from zmp_sqp.simulation import Replay, replay
+from zmp_sqp.studies import plan_many
 
 __version__ = "0.1.0"
 
@@ -78,6 +80,7 @@ __all__ = [
     "Guarantee",
     "Heightmap",
     "Inspection",
+    "Interrupted",
     "JointLimits",
     "LoadChart",
     "Machine",
@@ -119,6 +122,7 @@ __all__ = [
     "phase_plane",
     "plan",
     "plan_base",
+    "plan_many",
     "plan_stop",
     "read_motion",
     "replay",

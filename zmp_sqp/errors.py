@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sys
 import warnings
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 __all__ = [
     "GIVE_EFFORT",
@@ -16,6 +16,7 @@ __all__ = [
     "GIVE_SUPPORT",
     "HOLD",
     "ContactLost",
+    "Interrupted",
     "MachineError",
     "MachineWarning",
     "MissingExtra",
@@ -76,6 +77,19 @@ class MissingExtra(ZmpSqpError):
 
 class NotSolved(ZmpSqpError):
     """An unsuccessful plan was asked for its trajectory; the message is the plan's diagnosis."""
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C ended `plan_many`.
+
+    Attributes:
+        plans: Plans in the order of the problems; None for those that were not done.
+    """
+
+    def __init__(self, plans: list[Any]) -> None:
+        done = sum(plan is not None for plan in plans)
+        super().__init__(f"interrupted after {done} of {len(plans)} plans")
+        self.plans = plans
 
 
 class Advice(NamedTuple):

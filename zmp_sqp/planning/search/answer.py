@@ -63,6 +63,7 @@ class Status(enum.Enum):
         "Not solved: the motion that was found leads over ground that the tracks cannot follow; "
         "keep the base away from it by x_bounds or y_bounds."
     )
+    ERROR = "Not solved: planning ended with an error."
     UNSAFE_BETWEEN_NODES = (
         "Not solved: the motion is safe at its nodes but not between them; use more intervals."
     )
