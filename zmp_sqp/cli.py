@@ -12,14 +12,17 @@ from contextlib import contextmanager
 from typing import TextIO
 
 from zmp_sqp import __version__
+from zmp_sqp.commands.batch import add_batch
 from zmp_sqp.commands.chart import add_chart
 from zmp_sqp.commands.check import add_check
+from zmp_sqp.commands.envelope import add_envelope
 from zmp_sqp.commands.exit_codes import BAD_INPUT, BROKEN_PIPE, EXIT_CODES, INTERRUPTED
 from zmp_sqp.commands.init import add_init
 from zmp_sqp.commands.inspect import add_inspect
 from zmp_sqp.commands.paper import add_paper
 from zmp_sqp.commands.plan import add_plan
 from zmp_sqp.commands.replay import add_replay
+from zmp_sqp.commands.tradeoff import add_tradeoff
 from zmp_sqp.errors import MachineWarning, ProblemWarning, ZmpSqpError, in_keys
 from zmp_sqp.scenario import shipped_scenarios
 
@@ -106,6 +109,9 @@ def _parser() -> argparse.ArgumentParser:
     add_replay(commands, shipped)
     add_inspect(commands)
     add_init(commands)
+    add_batch(commands, shipped)
+    add_envelope(commands, shipped)
+    add_tradeoff(commands, shipped)
     return parser
 
 

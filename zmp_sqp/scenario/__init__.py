@@ -4,6 +4,8 @@ from zmp_sqp.scenario.load import (
     SHIPPED,
     Scenario,
     load_scenario,
+    read_content,
+    scenario_of,
     shipped_scenarios,
     sliding_joints,
 )
@@ -14,6 +16,8 @@ __all__ = [
     "SHIPPED",
     "Scenario",
     "load_scenario",
+    "read_content",
+    "scenario_of",
     "shipped_scenarios",
     "sliding_joints",
 ]

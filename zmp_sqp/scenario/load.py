@@ -20,7 +20,15 @@ from zmp_sqp.scenario.path_constraints import build_constraints
 from zmp_sqp.scenario.scene import DEGREES, build_ground, build_machine, build_uncertainties
 from zmp_sqp.scenario.schema import JOINT_KEYS, SCHEMA, check_table, did_you_mean
 
-__all__ = ["SHIPPED", "Scenario", "load_scenario", "shipped_scenarios", "sliding_joints"]
+__all__ = [
+    "SHIPPED",
+    "Scenario",
+    "load_scenario",
+    "read_content",
+    "scenario_of",
+    "shipped_scenarios",
+    "sliding_joints",
+]
 
 SHIPPED = Path(__file__).parents[1] / "scenarios"
 DEFAULT_QP_SOLVER = "auto"
@@ -67,13 +75,35 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
             of the wrong type; or machine or problem are refused. The message names file, table, key
             and value.
     """
+    return scenario_of(*read_content(name_or_path))
+
+
+def read_content(name_or_path: str | Path) -> tuple[dict[str, Any], Path]:
+    """Unchecked content of a scenario file, and its path.
+
+    Raises:
+        ScenarioError: There is no such scenario, or it is no TOML file.
+    """
     path = _find(name_or_path)
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8")), path
     except OSError as cause:
         raise ScenarioError(f"{path}: cannot be read: {cause.strerror}") from None
     except ValueError as cause:  # not TOML, or not UTF-8
         raise ScenarioError(f"{path}: not a TOML file: {cause}") from None
+
+
+def scenario_of(content: Mapping[str, Any], path: Path) -> Scenario:
+    """Scenario of a file's content.
+
+    Args:
+        content: Tables of the file.
+        path: Path of the file: for messages, the name, and paths in the file.
+
+    Raises:
+        ScenarioError: A key is unknown, missing or of the wrong type; or machine or problem are
+            refused.
+    """
     try:
         check_table(content, SCHEMA)
         problem = _build_problem(content, path.parent)

@@ -1,0 +1,178 @@
+"""Commands of studies: batch, envelope, tradeoff, and the keys that they vary."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import zmp_sqp as zs
+from zmp_sqp.cli import main
+from zmp_sqp.commands.tradeoff import _not_slower_than_larger_margins
+from zmp_sqp.errors import ScenarioError
+from zmp_sqp.scenario import load_scenario, read_content, scenario_of
+from zmp_sqp.scenario.variation import varied
+from zmp_sqp.studies.journal import Journal
+
+JOINTS = ("slew", "boom", "stick", "tilt", "head")
+
+
+def lines(path: Path) -> list[dict]:
+    return [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+
+
+def test_a_batch_plans_what_it_can_and_goes_on_where_it_ended(tmp_path, capsys):
+    broken = tmp_path / "broken.toml"
+    broken.write_text("[machine\n", encoding="utf-8")
+    out = tmp_path / "plans.jsonl"
+    given = ["paper_1", str(broken), "paper_1_rigid"]
+    assert main(["batch", *given, "--out", str(out), "--workers", "1"]) == 1
+    rows = {row["scenario"]: row for row in lines(out)}
+    assert set(rows) == set(given)
+    assert rows[str(broken)]["status"] == "refused"
+    assert "not a TOML file" in rows[str(broken)]["message"]
+    plan = zs.plan(load_scenario("paper_1").problem)
+    assert rows["paper_1"]["duration"] == plan.duration
+    assert rows["paper_1"]["margin"] == plan.margin
+
+    # without --resume nothing is overwritten
+    assert main(["batch", *given, "--out", str(out)]) == 2
+    assert "--resume" in capsys.readouterr().err
+
+    # half a line of a killed run, a changed file and a new scenario are planned; the rest stays
+    text = out.read_text(encoding="utf-8").splitlines(keepends=True)
+    kept = [line for line in text if '"paper_1"' in line or str(broken) in line]
+    out.write_text("".join(kept) + '{"scenario": "paper_1_ri', encoding="utf-8")
+    broken.write_text(
+        (Path(zs.__file__).parent / "scenarios" / "paper_1.toml").read_text(), "utf-8"
+    )
+    assert main(["batch", *given, "--out", str(out), "--resume", "--workers", "1"]) == 0
+    again = {row["scenario"]: row for row in lines(out)}
+    assert set(again) == set(given)
+    assert again["paper_1"] == rows["paper_1"]
+    assert again[str(broken)]["duration"] == plan.duration
+    assert "1 of 3 are there already" in capsys.readouterr().out
+
+
+def test_parquet_has_the_rows_of_the_lines(tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    out = tmp_path / "plans.parquet"
+    assert main(["batch", "paper_1", "--out", str(out), "--workers", "1"]) == 0
+    (row,) = parquet.read_table(out).to_pylist()
+    assert row["scenario"] == "paper_1"
+    assert row["success"] is True
+    assert not list(tmp_path.glob("*.part*"))
+    # resuming a finished file plans nothing
+    assert main(["batch", "paper_1", "--out", str(out), "--resume"]) == 0
+    assert parquet.read_table(out).to_pylist() == [row]
+
+
+def test_a_journal_survives_a_kill_and_refuses_damage(tmp_path):
+    out = tmp_path / "rows.jsonl"
+    with Journal(out, resume=False) as journal:
+        journal.add({"a": 1.5, "b": float("nan")})
+        assert lines(out) == [{"a": 1.5, "b": None}]  # written at once
+    out.write_text('{"a": 1.5}\nnonsense\n{"a": 2.0}\n', encoding="utf-8")
+    with pytest.raises(zs.ProblemError, match="line 2 is no JSON"):
+        Journal(out, resume=True)
+    with pytest.raises(zs.ProblemError, match=r"\.jsonl or \.parquet"):
+        Journal(tmp_path / "rows.csv", resume=False)
+
+
+def test_an_envelope_is_that_of_single_plans(tmp_path, capsys):
+    out = tmp_path / "envelope"
+    arguments = ["--x", "ground.roll_deg", "-20", "40", "2", "--y", "machine.payload.mass"]
+    arguments += ["1000", "4000", "2", "--workers", "1", "--out", str(out)]
+    assert main(["envelope", "paper_1", *arguments]) == 0
+    text = capsys.readouterr().out
+    assert "pairs have a safe motion" in text
+    with (out / "envelope.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 4
+    content, path = read_content("paper_1")
+    for row in rows:
+        values = {key: float(row[key]) for key in ("ground.roll_deg", "machine.payload.mass")}
+        if row["status"] == "refused":
+            with pytest.raises(ScenarioError, match=re.escape(row["message"])):
+                scenario_of(varied(content, values, JOINTS), path)
+            continue
+        plan = zs.plan(scenario_of(varied(content, values, JOINTS), path).problem)
+        assert row["success"] == str(plan.success)
+        if plan.success:
+            assert float(row["duration"]) == plan.duration
+            assert float(row["margin"]) == plan.margin
+    assert (out / "envelope.png").stat().st_size > 10_000
+
+
+def test_more_margin_never_takes_less_time(tmp_path, capsys):
+    out = tmp_path / "tradeoff"
+    arguments = ["--largest", "0.5", "--count", "3", "--workers", "1", "--out", str(out)]
+    assert main(["tradeoff", "paper_1", *arguments, "--json", "-"]) == 0
+    rows = json.loads(capsys.readouterr().out)["rows"]
+    np.testing.assert_allclose([row["plan.margin"] for row in rows], [0.0, 0.25, 0.5])
+    durations = [row["duration"] for row in rows]
+    assert durations == sorted(durations)
+    for row in rows:
+        assert row["margin"] >= row["plan.margin"]
+    assert (out / "tradeoff.png").exists()
+
+
+def test_a_faster_motion_of_a_larger_margin_serves_the_smaller_ones():
+    def row(margin, duration):
+        safe = duration is not None
+        return {
+            "plan.margin": margin,
+            "success": safe,
+            "duration": duration,
+            "margin": margin + 1e-3 if safe else None,
+            "message": "Solved.",
+        }
+
+    given = [row(0.0, 1.0), row(0.1, 3.0), row(0.2, None), row(0.3, 2.0), row(0.4, None)]
+    found = _not_slower_than_larger_margins(given)
+    assert [one["duration"] for one in found] == [1.0, 2.0, 2.0, 2.0, None]
+    assert [one["plan.margin"] for one in found] == [0.0, 0.1, 0.2, 0.3, 0.4]
+    assert "margin of 0.3 m" in found[1]["message"]
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "where"),
+    [
+        ("ground.roll_deg", 3.0, lambda tables: tables["ground"]["roll_deg"]),
+        ("plan.margin", 0.1, lambda tables: tables["plan"]["margin"]),
+        ("motion.goal_deg[boom]", 7.0, lambda tables: tables["motion"]["goal_deg"][1]),
+        ("motion.goal_deg[4]", 8.0, lambda tables: tables["motion"]["goal_deg"][4]),
+    ],
+)
+def test_keys_name_numbers_of_a_file(key, value, where):
+    content, _ = read_content("paper_1")
+    name = next(iter(content["motion"]))
+    key = key.replace("goal_deg", "goal_deg" if "goal_deg" in content["motion"] else "goal")
+    before = json.dumps(content, default=str)
+    tables = varied(content, {key: value}, JOINTS)
+    assert where(tables) == value or name == "start"
+    assert json.dumps(content, default=str) == before
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        (["--x", "roll", "0", "1"], "no key of a scenario file"),
+        (["--x", "ground.roll_deg", "1", "0"], "FROM < TO"),
+        (["--x", "ground.roll_deg", "a", "b"], "takes KEY FROM TO"),
+        (["--x", "ground.roll_deg"], "takes KEY FROM TO"),
+        (["--x", "ground.pitch_deg", "0", "1"], "give two keys"),
+        (["--x", "motion.goal_deg[elbow]", "0", "1"], "no joint 'elbow'"),
+        (["--x", "motion.goal_deg[9]", "0", "1"], "entries"),
+        (["--x", "ground.roll_deg", "0", "1", "99999"], "more than"),
+    ],
+)
+def test_wrong_axes_are_refused_in_a_sentence(options, complaint, capsys):
+    assert main(["envelope", "paper_1", *options]) == 2
+    error = capsys.readouterr().err
+    assert complaint in error
+    assert "Traceback" not in error

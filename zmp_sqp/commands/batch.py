@@ -1,0 +1,152 @@
+"""`zmp-sqp batch`: plan many scenarios."""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from zmp_sqp.commands.console import add_command, make_console
+from zmp_sqp.commands.exit_codes import DONE, INTERRUPTED, UNSAFE
+from zmp_sqp.commands.study_options import add_study_options, row_of
+from zmp_sqp.errors import ZmpSqpError
+from zmp_sqp.planning import Problem
+from zmp_sqp.scenario import load_scenario
+from zmp_sqp.studies import plan_many
+from zmp_sqp.studies.journal import Journal
+
+__all__ = ["add_batch", "run_batch"]
+
+DESCRIPTION = """\
+Plan many scenarios on several processes. Every result is a row of the file, written at once: JSON
+lines (.jsonl) or Parquet (.parquet, with the extra `parquet`). A scenario that cannot be read, or
+that is refused, gets a row that says why; the others are planned.
+"""
+EXAMPLES = """\
+examples:
+  zmp-sqp batch scenarios/*.toml --out plans.jsonl
+  zmp-sqp batch scenarios/*.toml --out plans.parquet --resume
+"""
+ROW_KEYS = """\
+one row per scenario; SI units, null where there is no value:
+  scenario             the scenario as given
+  content              hash of the file: with --resume, a changed file is planned again
+  name, success, status, duration, lower_bound, above_bound, margin, margin_asked, intervals,
+  iterations, solve_time, qp_solver, payload, message: columns of `zmp_sqp.table`; status is
+  `refused` where there is no problem to plan
+"""
+REFUSED = "refused"
+
+
+@dataclass(frozen=True, slots=True)
+class _Entry:
+    """Scenario as given on the command line, and the hash of its file; empty without a file."""
+
+    given: str
+    content: str
+
+
+def add_batch(commands: Any, shipped: str) -> None:
+    """Add the command `batch`.
+
+    Args:
+        commands: Subcommands of an argparse parser.
+        shipped: Help text that lists the shipped scenarios.
+    """
+    command = add_command(
+        commands,
+        "batch",
+        run_batch,
+        summary="plan many scenarios",
+        description=DESCRIPTION,
+        notes=(EXAMPLES, ROW_KEYS, shipped),
+    )
+    command.add_argument(
+        "scenarios", nargs="+", metavar="SCENARIO", help="scenario files, or names of shipped ones"
+    )
+    command.add_argument(
+        "--out", type=Path, required=True, metavar="FILE", help=".jsonl or .parquet file"
+    )
+    command.add_argument(
+        "--resume", action="store_true", help="go on with a file: plan what has no row in it"
+    )
+    add_study_options(command)
+
+
+def run_batch(arguments: argparse.Namespace) -> int:
+    """Plan, write and count; returns the exit code."""
+    entries = [_Entry(given, _hash(given)) for given in dict.fromkeys(arguments.scenarios)]
+    journal = Journal(arguments.out, resume=arguments.resume)
+    there = {(row.get("scenario"), row.get("content")) for row in journal.rows}
+    todo = [entry for entry in entries if (entry.given, entry.content) not in there]
+    console = make_console(None)
+    if len(todo) < len(entries):
+        console.print(f"{len(entries) - len(todo)} of {len(entries)} are there already")
+    journal.rows = [row for row in journal.rows if not _is_old(row, todo)]
+    interrupted = False
+    with journal:
+        try:
+            for row in _rows(todo, arguments):
+                journal.add(row)
+        except KeyboardInterrupt:
+            interrupted = True
+    safe = sum(bool(row["success"]) for row in journal.rows)
+    console.print(f"{safe} of {len(entries)} scenarios have a safe motion", soft_wrap=True)
+    for row in journal.rows:
+        if not row["success"]:
+            console.print(f"{row['scenario']}: {row['message']}", soft_wrap=True)
+    console.print(f"wrote {journal.path}", soft_wrap=True)
+    if interrupted:
+        console.print("interrupted: --resume plans the rest")
+        return INTERRUPTED
+    return DONE if safe == len(entries) else UNSAFE
+
+
+def _is_old(row: dict[str, Any], todo: list[_Entry]) -> bool:
+    """Whether a row is of a file that has changed since."""
+    return any(row.get("scenario") == entry.given for entry in todo)
+
+
+def _hash(given: str) -> str:
+    """Hash of a scenario's file; that of its name for a shipped one, empty for no file."""
+    path = Path(given)
+    try:
+        content = path.read_bytes() if path.is_file() else given.encode()
+    except OSError:
+        return ""
+    return hashlib.sha256(content).hexdigest()[:16]
+
+
+def _rows(entries: list[_Entry], arguments: argparse.Namespace) -> Iterator[dict[str, Any]]:
+    """Rows of all scenarios: first those that cannot be planned, then plans as they come."""
+    found: list[tuple[_Entry, str, Problem]] = []
+    for entry in entries:
+        try:
+            scenario = load_scenario(entry.given)
+        except ZmpSqpError as fault:
+            yield {
+                **_key(entry),
+                "name": Path(entry.given).stem,
+                "success": False,
+                "status": REFUSED,
+                "message": str(fault),
+            }
+        else:
+            found.append((entry, scenario.name, scenario.problem))
+    plans = plan_many(
+        [problem for _, _, problem in found],
+        as_completed=True,
+        workers=arguments.workers,
+        qp_solver=arguments.qp_solver,
+        time_budget=arguments.time_budget,
+    )
+    for index, plan in plans:
+        entry, name, _ = found[index]
+        yield {**_key(entry), **row_of(name, plan)}
+
+
+def _key(entry: _Entry) -> dict[str, str]:
+    return {"scenario": entry.given, "content": entry.content}
