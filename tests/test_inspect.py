@@ -172,6 +172,8 @@ def test_printing_a_machine_shows_mass_units_limits_and_polygon(bare: Path) -> N
     ]
     assert slew.split() == ["slew", "rad", "none", "none", "0.5", "missing", "100"]
     assert travel.split() == ["travel", "m", "0.2", "1.2", "0.3", "missing", "100"]
+    held = zs.load_machine(bare, hold={"slew": -0.0})
+    assert str(held).splitlines()[-1] == "held: slew at 0"
     loaded = zs.load_machine("feller_buncher").with_payload(zs.Payload(4e3, (0, 0, 3), "head"))
     assert str(loaded).startswith(
         "feller_buncher: 27650 kg, of which 4000 kg payload, 5 planned joints\n"

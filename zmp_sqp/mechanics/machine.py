@@ -16,7 +16,7 @@ from zmp_sqp.mechanics.likely_units import doubtful_support, machine_size
 from zmp_sqp.mechanics.limits import JointLimits
 from zmp_sqp.mechanics.payload import Payload
 from zmp_sqp.mechanics.plausible_payload import payload_doubts
-from zmp_sqp.mechanics.summary import joint_lines, mass_text, support_text
+from zmp_sqp.mechanics.summary import held_lines, joint_lines, mass_text, support_text
 from zmp_sqp.mechanics.support import SupportPolygon
 
 __all__ = ["Machine"]
@@ -58,15 +58,16 @@ class Machine:
     support_hint: str = field(default="", repr=False)
 
     def __str__(self) -> str:
-        """Name, mass, support polygon, and the planned joints with their units and limits."""
+        """Name, mass, support polygon, planned joints with units and limits, and held joints."""
         carried = self.payload_mass
         load = f", of which {mass_text(carried)} payload" if carried > 0.0 else ""
-        joints = f"{self.size} planned joint{'s' if self.size > 1 else ''}"
+        joints = f"{self.size} planned joint{'' if self.size == 1 else 's'}"
         return "\n".join(
             (
                 f"{self.name}: {mass_text(self.mass)}{load}, {joints}",
                 support_text(self.support),
                 *joint_lines(self.joint_names, self.joint_units, self.limits),
+                *held_lines(self.held),
             )
         )
 

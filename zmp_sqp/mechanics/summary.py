@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -10,11 +10,12 @@ from zmp_sqp.arrays import Array
 from zmp_sqp.mechanics.limits import JointLimits
 from zmp_sqp.mechanics.support import SupportPolygon
 
-__all__ = ["MISSING", "aligned", "joint_lines", "mass_text", "support_text"]
+__all__ = ["MISSING", "aligned", "held_lines", "joint_lines", "mass_text", "support_text"]
 
 COLUMNS = ("position_lower", "position_upper", "velocity", "acceleration", "effort")
 HEADS = ("joint", "unit", "lower", "upper", "velocity", "acceleration", "effort")
 MISSING, UNLIMITED = "missing", "none"  # shown for NaN and for infinity
+MOST_HELD = 8  # held joints that are listed one by one
 MOST_VERTICES = 6  # of a support polygon that are listed one by one
 
 
@@ -30,6 +31,19 @@ def joint_lines(names: Sequence[str], units: Sequence[str], limits: JointLimits)
     for i, (name, unit) in enumerate(zip(names, units, strict=True)):
         rows.append((name, unit, *(_limit_text(getattr(limits, key)[i]) for key in COLUMNS)))
     return aligned(rows, left=(0, 1))
+
+
+def held_lines(held: Mapping[str, float]) -> list[str]:
+    """One line about the joints that are held; none if no joint is.
+
+    Args:
+        held: Coordinates by joint [rad or m].
+    """
+    if not held:
+        return []
+    shown = [f"{name} at {value + 0.0:.4g}" for name, value in held.items()][:MOST_HELD]
+    more = f" and {len(held) - MOST_HELD} more" if len(held) > MOST_HELD else ""
+    return [f"held: {', '.join(shown)}{more}"]
 
 
 def aligned(rows: Sequence[Sequence[str]], *, left: Sequence[int]) -> list[str]:
