@@ -216,6 +216,7 @@ def test_a_longer_way_makes_the_arm_wait_at_its_goal():
     )
 
 
+@pytest.mark.filterwarnings("ignore:.*support polygon reaches:zmp_sqp.errors.MachineWarning")
 @pytest.mark.parametrize("distance", [0.5, -3.0, 12.0])
 def test_without_a_zmp_to_mind_the_base_moves_bang_coast_bang(distance):
     big = zs.SupportPolygon([[-1e3, -1e3], [1e3, -1e3], [1e3, 1e3], [-1e3, 1e3]])

@@ -159,7 +159,7 @@ def test_a_missing_engine_says_how_to_install_it(monkeypatch: pytest.MonkeyPatch
         ({"time_step": np.nan}, "time_step"),
         ({"hold": -1.0}, "hold must be from 0 to 3600, not -1"),
         ({"friction": -0.1}, "friction"),
-        ({"sinkage": 1e-6}, "shorten the time_step, or give 0"),
+        ({"sinkage": 1e-6}, "give a shorter time_step, or a sinkage of 0"),
     ],
 )
 def test_settings_out_of_range_are_refused(settings: dict[str, Any], complaint: str) -> None:
