@@ -139,6 +139,37 @@ def test_a_joint_limits_file_and_contact_links_can_be_named(slider: Path) -> Non
     np.testing.assert_allclose(np.ptp(support.vertices, axis=0), [5.0, 3.23])
 
 
+def test_starts_and_goals_are_given_by_joint_in_the_keys_unit(tmp_path: Path) -> None:
+    by_joint = PAPER_1.replace(
+        "[0.0, -30.0, -120.0, 30.0, -90.0]",
+        "{ boom = -30.0, slew = 0.0, tilt = 30.0, stick = -120.0, head = -90.0 }",
+    )
+    expected, found = (
+        load_scenario(written(tmp_path, text)).problem.start for text in (PAPER_1, by_joint)
+    )
+    np.testing.assert_array_equal(found, expected)
+    lacking = by_joint.replace("stick = -120.0, ", "").replace("slew = 0.0, ", "")
+    with pytest.raises(ScenarioError, match=r"start_deg: joint 'slew', 'stick' is missing"):
+        load_scenario(written(tmp_path, lacking))
+    with pytest.raises(ScenarioError, match=r"start_deg: there is no joint 'bom'"):
+        load_scenario(written(tmp_path, by_joint.replace("boom =", "bom =")))
+
+
+def test_starts_and_goals_are_poses_of_the_srdf(slider: Path) -> None:
+    (slider / "poses.srdf").write_text(
+        '<robot name="slider"><group_state name="out"><joint name="rail" value="0.25"/>'
+        "</group_state></robot>"
+    )
+    text = SLIDER_SCENARIO.replace("[-0.3]", '"out"').replace("[0.3]", "{ rail = 0.5 }")
+    text = text.replace('urdf = "slider.urdf"', 'urdf = "slider.urdf"\nsrdf = "poses.srdf"')
+    problem = load_scenario(written(slider, text)).problem
+    assert (problem.start[0], problem.goal[0]) == (0.25, 0.5)
+    with pytest.raises(ScenarioError, match=r"start: machine 'slider' has no pose 'in'"):
+        load_scenario(written(slider, text.replace('"out"', '"in"')))
+    with pytest.raises(ScenarioError, match=r"start_deg: must be a list"):
+        load_scenario(written(slider, text.replace('start = "out"', 'start_deg = "out"')))
+
+
 def test_sliding_joints_are_told_from_turning_ones(slider: Path) -> None:
     assert sliding_joints(load_scenario(written(slider, SLIDER_SCENARIO)).problem.machine) == (
         "rail",

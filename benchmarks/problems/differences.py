@@ -19,6 +19,7 @@ import zmp_sqp as zs
 __all__ = ["zmp_by_differences"]
 
 STEP = 2e-4  # [s] least error of second differences: rounding 1e-16 / STEP^2 against STEP^2
+SHORTEST = 1e-3  # [s] interval in which differences still have enough digits
 INSIDE = 0.02  # of an interval: stencils must not reach across its ends
 
 
@@ -38,8 +39,9 @@ def zmp_by_differences(
     ends = trajectory.times
     shares = np.linspace(INSIDE, 1.0 - INSIDE, max(count // (len(ends) - 1), 1))
     spans = np.diff(ends)
-    t = (ends[:-1, None] + shares * spans[:, None])[spans > 1e-4].ravel()
-    h = np.minimum(STEP, 0.4 * INSIDE * np.repeat(spans[spans > 1e-4], len(shares)))
+    long = spans > min(SHORTEST, 0.5 * spans.max())
+    t = (ends[:-1, None] + shares * spans[:, None])[long].ravel()
+    h = np.minimum(STEP, 0.4 * INSIDE * np.repeat(spans[long], len(shares)))
     stencil = t[:, None] + h[:, None] * np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
     q = trajectory(stencil.ravel())[0]
     joints = _all_joints(path, machine, q)

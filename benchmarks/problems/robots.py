@@ -4,8 +4,8 @@ Nothing is adapted to a robot by hand. What is planned: the joints of the SRDF's
 its name that moves the most mass; without one all joints, if they are at most twelve and the robot
 does not stand on what they move; else the chain of at most twelve joints with the most mass that
 carries no foot. Where it stands: on what `load_machine` finds, else on the rectangle around its
-lowest shapes. How fast: its velocity limits, 1 rad/s or 0.3 m/s where there are none, reached in
-half a second.
+lowest shapes. How fast: its velocity limits, 1 rad/s or 0.3 m/s where there are none, at most
+6 rad/s or 2 m/s, reached in half a second.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from __future__ import annotations
 import re
 import warnings
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import Any
@@ -24,12 +24,21 @@ import pinocchio as pin
 import zmp_sqp as zs
 from zmp_sqp.mechanics.urdf.srdf import read_srdf
 
-__all__ = ["Robot", "load_robot", "random_problems", "robot_files", "robots_folder"]
+__all__ = [
+    "Robot",
+    "load_robot",
+    "random_problems",
+    "robot_files",
+    "robots_folder",
+    "standing_share",
+]
 
 PACKAGE = "example-robot-data"
 MOST_JOINTS = 12
 SPEEDS = {"rad": 1.0, "m": 0.3}  # [rad/s or m/s] where the URDF gives none
+FASTEST = {"rad": 6.0, "m": 2.0}  # [rad/s or m/s] where it gives more, which stands for no limit
 RANGES = {"rad": np.pi, "m": 0.5}  # [rad or m] to either side of zero where there are no limits
+NO_LIMIT = 100.0  # [rad or m] beyond which a limit stands for none
 STARTING = 0.5  # [s] in which a joint reaches its velocity limit
 STEEPEST = np.radians(10.0)  # of roll and pitch of the slopes
 POSES = 4000  # random poses among which standing ones are looked for
@@ -89,6 +98,11 @@ def load_robot(path: Path, folder: Path) -> Robot:
     return Robot(path, None if refusal else machine, planned, support, texts, refusal)
 
 
+def standing_share(machine: zs.Machine) -> float:
+    """Share of random poses in which a machine stands at rest on level ground."""
+    return len(_standing_poses(machine, zs.Slope(), np.random.default_rng(0))) / POSES
+
+
 def random_problems(robot: Robot, count: int) -> Iterator[tuple[int, zs.Problem]]:
     """Seeded problems between random poses in which the robot stands on a random slope."""
     machine = robot.machine
@@ -111,7 +125,8 @@ def _standing_poses(machine: zs.Machine, slope: zs.Slope, rng: np.random.Generat
     """Random poses within the joint limits at which the machine stands at rest."""
     low, high = machine.limits.position_lower, machine.limits.position_upper
     wide = np.array([RANGES[unit] for unit in machine.joint_units])
-    low, high = np.where(np.isfinite(low), low, -wide), np.where(np.isfinite(high), high, wide)
+    low = np.where(np.abs(low) < NO_LIMIT, low, -wide)
+    high = np.where(np.abs(high) < NO_LIMIT, high, wide)
     q = rng.uniform(low, high, (POSES, machine.size))
     still = np.zeros_like(q)
     return q[zs.stability_margin(machine, q, still, still, slope) > 1e-3 * machine.support.reach]
@@ -191,8 +206,9 @@ def _heaviest_chain(whole: zs.Machine) -> list[str]:
 def _moving(machine: zs.Machine) -> zs.Machine:
     """The machine with velocity limits where it has none, and acceleration limits."""
     default = np.array([SPEEDS[unit] for unit in machine.joint_units])
-    velocity = np.where(np.isnan(machine.limits.velocity), default, machine.limits.velocity)
+    most = np.array([FASTEST[unit] for unit in machine.joint_units])
     limits = machine.limits
+    velocity = np.where(np.isnan(limits.velocity), default, np.minimum(limits.velocity, most))
     wide = np.array([RANGES[unit] for unit in machine.joint_units])
     lower = np.where(np.isnan(limits.position_lower), -wide, limits.position_lower)
     upper = np.where(np.isnan(limits.position_upper), wide, limits.position_upper)
@@ -202,8 +218,6 @@ def _moving(machine: zs.Machine) -> zs.Machine:
         "position_lower": lower,
         "position_upper": upper,
     }
-    from dataclasses import replace
-
     return replace(machine, limits=limits.updated(changes, machine.joint_names))
 
 

@@ -96,8 +96,10 @@ def _vertices(content: bytes, path: Path) -> Array:
     The library reads a copy in an empty folder, without references to materials, so that the file
     cannot make it open others.
     """
-    import coal  # slow to import, and only needed here
-
+    try:
+        import coal  # slow to import, and only needed here
+    except ImportError as cause:  # it comes with pin, but a system's Pinocchio may lack it
+        raise MachineError(f"mesh {path} cannot be read without coal: {cause}") from None
     suffix, unit = path.suffix.lower(), 1.0
     if suffix == ".obj":
         lines = content.splitlines(keepends=True)
