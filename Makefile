@@ -4,12 +4,12 @@ export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test oldest check bench clean
+.PHONY: help venv demo test oldest check docs bench clean
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-6s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
-venv: .venv/.installed  ## virtual environment in .venv, with everything that demo, test, check and bench need
+venv: .venv/.installed  ## virtual environment in .venv, with everything that these targets need
 
 .venv/.installed: pyproject.toml constraints.txt
 	@$(PYTHON) -c "import sys; sys.exit(sys.version_info < (3, 11))" || { \
@@ -17,7 +17,7 @@ venv: .venv/.installed  ## virtual environment in .venv, with everything that de
 	@$(PYTHON) -c "import ensurepip, venv" 2>/dev/null || { \
 		echo "$(PYTHON) cannot make virtual environments (no ensurepip): on Debian and Ubuntu, apt install python3-venv" >&2; exit 1; }
 	$(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev,plots,sim]"
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[dev,docs,plots,sim]"
 	@touch $@
 
 demo: venv  ## plan test 1 of the paper: table on the terminal, trajectory and figures in out/paper_1
@@ -38,6 +38,10 @@ check: venv  ## linter, formatter, types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy --strict zmp_sqp
+
+docs: venv  ## the book, in out/docs; a warning is an error
+	$(BIN)/sphinx-build -q -W --keep-going -d out/doctrees docs out/docs
+	@echo "the book: out/docs/index.html"
 
 bench: venv  ## speed, robustness, comparisons with IPOPT and MuJoCo, printed as tables
 	$(BIN)/python -m benchmarks.speed

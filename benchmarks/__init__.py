@@ -10,7 +10,7 @@
 `memory`              whether many plans leave the memory flat
 `peer_ipopt`          the same problems solved by CasADi and IPOPT
 `replay`              verdicts of the certificate against MuJoCo
-`paper`               Song & Sharf 2020 beside our numbers, and the tables of the README
+`paper`               Song & Sharf 2020 beside our numbers, and the tables of docs/paper.md
 ====================  ==============================================================================
 
 `harness` holds what they share, `problems` the seeded problems and the checks of plans, `results`

@@ -1,7 +1,7 @@
 """The planner now against the planner of an earlier commit: both in one run, problem by problem.
 
     python -m benchmarks.before_after --before COMMIT [--sets NAME ...] [--json FILE]
-    python -m benchmarks.before_after --readme
+    python -m benchmarks.before_after --docs
 
 Each side runs in a process of its own. They take turns: a problem is planned by one, then by the
 other, so that what else the computer does weighs on both alike. Times are processor times in F,
@@ -11,8 +11,8 @@ problems are planned three times, of which the median counts.
 Sets: scenarios; hard (120 problems of `random_problems --hard`; active are those whose motion takes
 0.1 % longer than the bound); fine (active hard ones at 200 intervals); drives; terrain; uncertain
 (all of payload and slope); infeasible. The earlier planner is asked fewer problems of the slow
-sets. --readme makes the table of README.md from benchmarks/results/before_after.json. The exit code
-is 1 where the planner of today misses a target.
+sets. --docs makes the table of docs/speed.md from benchmarks/results/before_after.json. The exit
+code is 1 where the planner of today misses a target.
 """
 
 from __future__ import annotations
@@ -51,7 +51,8 @@ from zmp_sqp.scenario import load_scenario
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results" / "before_after.json"
-BEGIN, END = "<!-- made by python -m benchmarks.before_after --readme -->", "<!-- end of table -->"
+PAGE = ROOT / "docs" / "speed.md"
+BEGIN, END = "<!-- made by python -m benchmarks.before_after --docs -->", "<!-- end of table -->"
 
 HARD_SEEDS = (*range(40), *range(200, 240), *range(1000, 1040))
 UNCERTAIN_SEEDS = range(5000, 5060)
@@ -306,21 +307,20 @@ def table(found: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
     return rows
 
 
-def readme_table(found: Mapping[str, Any]) -> str:
-    """Text of README.md from the first mark to the last."""
+def page_table(found: Mapping[str, Any]) -> str:
+    """Text of the page from the first mark to the last."""
     lines = ["| time of a plan [F] | before | now | asked for |", "| --- | --: | --: | --: |"]
     lines += [f"| {' | '.join(row)} |" for row in table(found)]
     return "\n".join([BEGIN, "", *lines, "", END])
 
 
-def write_readme() -> None:
-    """Put the table of the recorded results into README.md."""
-    readme = ROOT / "README.md"
-    text, pattern = readme.read_text(encoding="utf-8"), re.compile(f"{BEGIN}.*?{END}", re.DOTALL)
+def write_page() -> None:
+    """Put the table of the recorded results into docs/speed.md."""
+    text, pattern = PAGE.read_text(encoding="utf-8"), re.compile(f"{BEGIN}.*?{END}", re.DOTALL)
     if len(pattern.findall(text)) != 1:
-        raise SystemExit(f"README.md must hold {BEGIN} ... {END} once")
-    found = readme_table(json.loads(RESULTS.read_text(encoding="utf-8")))
-    readme.write_text(pattern.sub(lambda _: found, text), encoding="utf-8")
+        raise SystemExit(f"{PAGE.relative_to(ROOT)} must hold {BEGIN} ... {END} once")
+    found = page_table(json.loads(RESULTS.read_text(encoding="utf-8")))
+    PAGE.write_text(pattern.sub(lambda _: found, text), encoding="utf-8")
 
 
 def missed(found: Mapping[str, Any]) -> list[str]:
@@ -352,7 +352,8 @@ def parser() -> argparse.ArgumentParser:
     found = benchmark_parser(__doc__)
     found.add_argument("--before", metavar="COMMIT", help="the earlier planner")
     found.add_argument("--sets", nargs="+", choices=SETS, default=list(SETS), metavar="NAME")
-    found.add_argument("--readme", action="store_true", help="make README.md's table")
+    found.add_argument("--docs", action="store_true", help="make the table of docs/speed.md")
+    found.add_argument("--readme", action="store_true", dest="docs", help=argparse.SUPPRESS)
     found.add_argument("--work", action="store_true", help=argparse.SUPPRESS)
     return found
 
@@ -364,8 +365,8 @@ def main(arguments: list[str] | None = None) -> int:
     if options.work:
         work()
         return 0
-    if options.readme:
-        write_readme()
+    if options.docs:
+        write_page()
         return 0
     if options.before is None:
         asked.error("--before COMMIT is needed")

@@ -1,11 +1,11 @@
-"""Song & Sharf 2020 beside our numbers, and the tables of the README.
+"""Song & Sharf 2020 beside our numbers, and the tables of docs/paper.md.
 
     python -m benchmarks.paper [--repeats 7] [--json benchmarks/results/paper.json]
-    python -m benchmarks.paper --readme
+    python -m benchmarks.paper --docs
 
 The first command computes the numbers, as `zmp-sqp paper` does (zmp_sqp/paper). The second one
-computes nothing: it makes the tables of README.md from benchmarks/results/paper.json. The exit code
-is 1 where a motion that should be safe is not.
+computes nothing: it makes the tables of docs/paper.md from benchmarks/results/paper.json. The exit
+code is 1 where a motion that should be safe is not.
 """
 
 from __future__ import annotations
@@ -30,12 +30,13 @@ from zmp_sqp.paper.tables import (
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "benchmarks" / "results" / "paper.json"
-BEGIN, END = "<!-- made by python -m benchmarks.paper --readme -->", "<!-- end -->"
+PAGE = ROOT / "docs" / "paper.md"
+BEGIN, END = "<!-- made by python -m benchmarks.paper --docs -->", "<!-- end -->"
 ASKED = 60  # [F] most that a cold call with the simplified model may take
 
 
-def readme_tables(result: Mapping[str, Any]) -> str:
-    """Text of README.md from the first mark to the last."""
+def page_tables(result: Mapping[str, Any]) -> str:
+    """Text of the page from the first mark to the last."""
     found = (
         comparison_sheet(result["tests"]),
         driving_sheet(result["driving"]),
@@ -44,12 +45,12 @@ def readme_tables(result: Mapping[str, Any]) -> str:
     return "\n".join([f"{BEGIN}\n", *map(markdown, found), END])
 
 
-def update_readme(text: str, result: Mapping[str, Any]) -> str:
-    """Text of README.md with new tables."""
+def update_page(text: str, result: Mapping[str, Any]) -> str:
+    """Text of the page with new tables."""
     pattern = re.compile(f"{re.escape(BEGIN)}.*?{re.escape(END)}", re.DOTALL)
     if len(pattern.findall(text)) != 1:
-        raise SystemExit(f"README.md must hold {BEGIN} ... {END} once")
-    return pattern.sub(lambda _: readme_tables(result), text)
+        raise SystemExit(f"{PAGE.relative_to(ROOT)} must hold {BEGIN} ... {END} once")
+    return pattern.sub(lambda _: page_tables(result), text)
 
 
 def main() -> int:
@@ -58,17 +59,14 @@ def main() -> int:
         "--repeats", type=int, default=7, help="plans per time, of which the median counts"
     )
     parser.add_argument(
-        "--readme",
+        "--docs",
         action="store_true",
-        help=f"make README.md's tables from {RESULTS.relative_to(ROOT)}",
+        help=f"make the tables of docs/paper.md from {RESULTS.relative_to(ROOT)}",
     )
     options = parser.parse_args()
-    if options.readme:
-        readme = ROOT / "README.md"
-        readme.write_text(
-            update_readme(readme.read_text(encoding="utf-8"), json.loads(RESULTS.read_text())),
-            encoding="utf-8",
-        )
+    if options.docs:
+        text = PAGE.read_text(encoding="utf-8")
+        PAGE.write_text(update_page(text, json.loads(RESULTS.read_text())), encoding="utf-8")
         return 0
 
     result, _ = paper_result(

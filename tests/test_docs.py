@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shlex
 from pathlib import Path
 
 import pytest
 
+import zmp_sqp as zs
 import zmp_sqp.cli as cli
 from tests.test_packaging import LAYERS, LEAVES
 
@@ -58,6 +60,18 @@ def test_the_pages_have_code() -> None:
         if language == "sh"
     }
     assert commands >= {"inspect", "init", "plan", "check"}
+
+
+def test_the_api_page_has_every_public_name_once() -> None:
+    page = (ROOT / "docs" / "api.rst").read_text(encoding="utf-8")
+    assert sorted(re.findall(r"^\.\. auto\w+:: (\w+)$", page, re.MULTILINE)) == sorted(zs.__all__)
+
+
+def test_the_table_of_speed_is_that_of_the_benchmark() -> None:
+    from benchmarks.before_after import PAGE, RESULTS, page_table
+
+    recorded = json.loads(RESULTS.read_text(encoding="utf-8"))
+    assert page_table(recorded) in PAGE.read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("path", DOCS, ids=lambda path: path.name)

@@ -218,12 +218,10 @@ def test_a_folder_that_cannot_be_made_is_bad_input(capsys: pytest.CaptureFixture
     assert "/dev/null" in capsys.readouterr().err
 
 
-# --- the README ---------------------------------------------------------------------------------
+# --- the page -----------------------------------------------------------------------------------
 
 
-def test_the_readmes_tables_are_those_of_the_benchmark() -> None:
-    from benchmarks.paper import RESULTS, readme_tables
+def test_the_pages_tables_are_those_of_the_benchmark() -> None:
+    from benchmarks.paper import PAGE, RESULTS, page_tables
 
-    assert readme_tables(json.loads(RESULTS.read_text())) in (ROOT / "README.md").read_text(
-        encoding="utf-8"
-    )
+    assert page_tables(json.loads(RESULTS.read_text())) in PAGE.read_text(encoding="utf-8")
