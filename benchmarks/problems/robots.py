@@ -104,7 +104,10 @@ def standing_share(machine: zs.Machine) -> float:
 
 
 def random_problems(robot: Robot, count: int) -> Iterator[tuple[int, zs.Problem]]:
-    """Seeded problems between random poses in which the robot stands on a random slope."""
+    """Seeded problems between random poses in which the robot stands on a random slope.
+
+    They end at the first slope, from the third on, on which it stands in none of the random poses.
+    """
     machine = robot.machine
     if machine is None:
         return
