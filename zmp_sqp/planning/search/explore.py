@@ -23,6 +23,10 @@ __all__ = ["RESUMED", "explore", "on_finer_grid", "transferred"]
 # above the lower bound.
 GUESSES = ((1.15, True), (1.5, True), (2.5, False))
 FAR_ABOVE = 1.1  # duration per lower bound
+DOUBTFUL = 1.2  # duration per lower bound, above which the motion may be a bad local minimum
+GLANCE = 8  # intervals of the glance at the second guess, which overestimates the duration by 1-5 %
+GLANCING = SQPSettings(converged=3e-3, coarse=3e-2, excess_from=0.0, max_iterations=12)
+MUCH_FASTER = 0.95
 LEAST_COARSE = 4  # fewest intervals of a grid that is half as fine as the problem's
 COARSEST = 25  # fewest intervals of still coarser ones
 # runs on coarse grids only prepare that on the finest one, and end early
@@ -45,12 +49,31 @@ def explore(task: Task, runs: Runs) -> Candidate:
         tried.append(_coarse_to_fine(task, runs, pace, smooth=smooth))
         last = tried[-1].result.status
         far = tried[-1].duration > FAR_ABOVE * task.lower_bound
-        if last in ENOUGH and task.problem.refines and far and len(tried) == 1:
+        if last in ENOUGH and far and len(tried) == 1 and _may_be_faster(task, runs, tried[0]):
             continue
         if last in ENOUGH or last is SQPStatus.INFEASIBLE or runs.is_late:
             break
     best = min(tried, key=_rank)
     return best if best.is_feasible or runs.is_late else _slower(task, runs, best)
+
+
+def _may_be_faster(task: Task, runs: Runs, found: Candidate) -> bool:
+    """Whether the second guess may lead to a motion that is much faster than one found.
+
+    With `intervals="auto"` it is worth a try. Otherwise a glance on few intervals tells, where the
+    motion is so slow that it may be a bad local minimum.
+    """
+    if task.problem.refines:
+        return True
+    if runs.is_late or found.duration <= DOUBTFUL * task.lower_bound:
+        return False
+    pace, smooth = GUESSES[1]
+    controls, duration = task.guess(pace * task.least, GLANCE, smooth=smooth)
+    program = task.program(duration, Grid.of(GLANCE))
+    point = program.pack(controls, duration**2)
+    glance = runs.minimize(program, point, GLANCING, purpose=f"glance, {pace:g} x bound")
+    enough = glance.result.status in (*ENOUGH, SQPStatus.COARSE)
+    return enough and glance.duration < MUCH_FASTER * found.duration
 
 
 def _rank(candidate: Candidate) -> tuple[bool, float]:
