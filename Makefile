@@ -53,6 +53,7 @@ bench: venv  ## speed, robustness, comparisons with IPOPT and MuJoCo, printed as
 	$(BIN)/python -m benchmarks.robots
 	$(BIN)/python -m benchmarks.certificate
 	$(BIN)/python -m benchmarks.memory
+	$(BIN)/python -m benchmarks.many
 	$(BIN)/python -m benchmarks.peer_ipopt
 	$(BIN)/python -m benchmarks.replay
 
