@@ -33,6 +33,7 @@ python_use_unqualified_type_names = True
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
 
+toc_object_entries_show_parents = "hide"
 html_theme = "furo"
 html_title = f"zmp_sqp {release}"
 html_static_path = ["_static"]
@@ -66,6 +67,14 @@ def _keep_bars(app: Any, what: str, name: str, it: Any, options: Any, lines: lis
             lines[i] = "".join(p if p[:1] == "`" else p.replace("|", r"\|") for p in parts)
 
 
+def _keep_colons(app: Any, what: str, name: str, it: Any, options: Any, lines: list[str]) -> None:
+    """Keep "Unit: rad, or m" of a property one sentence, of which napoleon makes type and text."""
+    kind = ":type: "
+    found = [i for i, line in enumerate(lines) if line.startswith(kind)]
+    if what == "property" and found:
+        lines[0] = f"{lines.pop(found[-1]).removeprefix(kind)}: {lines[0]}"
+
+
 def _readable(
     app: Any, what: str, name: str, it: Any, options: Any, signature: str | None, returned: Any
 ) -> tuple[str | None, Any]:
@@ -87,6 +96,7 @@ def setup(app: Any) -> None:
     """Register the writer of equations, and what makes text fit for Sphinx."""
     app.connect("source-read", _link_pages)
     app.connect("autodoc-process-docstring", _keep_bars, priority=400)  # before napoleon's
+    app.connect("autodoc-process-docstring", _keep_colons, priority=600)  # after napoleon's
     app.connect("autodoc-process-signature", _readable)
     app.add_html_math_renderer(
         "mathml",
