@@ -52,6 +52,7 @@ bench: venv  ## speed, robustness, comparisons with IPOPT and MuJoCo, printed as
 	$(BIN)/python -m benchmarks.machine_moves
 	$(BIN)/python -m benchmarks.robots
 	$(BIN)/python -m benchmarks.certificate
+	$(BIN)/python -m benchmarks.rigorous
 	$(BIN)/python -m benchmarks.memory
 	$(BIN)/python -m benchmarks.many
 	$(BIN)/python -m benchmarks.peer_ipopt

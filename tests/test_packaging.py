@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE, BENCHMARKS = ROOT / "zmp_sqp", ROOT / "benchmarks"
-HEAVY = ("casadi", "matplotlib", "mujoco", "piqp", "proxsuite", "qpsolvers", "rosbags")
+HEAVY = ("casadi", "flint", "matplotlib", "mujoco", "piqp", "proxsuite", "qpsolvers", "rosbags")
 
 
 def module_name(path: Path) -> str:
@@ -83,6 +83,12 @@ LAYERS = {  # what a wing may import besides itself and the foundation
         "zmp_sqp.motion",
         "zmp_sqp.sqp",
         "zmp_sqp.planning",
+    ),
+    "zmp_sqp.rigorous": (
+        "zmp_sqp.mechanics",
+        "zmp_sqp.motion",
+        "zmp_sqp.planning.constraints",
+        "zmp_sqp.planning.problem",
     ),
     "zmp_sqp.charts": ("zmp_sqp.mechanics", "zmp_sqp.motion", "zmp_sqp.planning"),
     "zmp_sqp.control": (

@@ -65,6 +65,7 @@ from zmp_sqp.planning import (
 )
 from zmp_sqp.planning.constraints import registry as _registry
 from zmp_sqp.planning.constraints.registry import *  # noqa: F403 - what is known by name
+from zmp_sqp.rigorous import RigorousCheck, RigorousGuarantee, check_rigorously
 from zmp_sqp.simulation import Replay, replay
 from zmp_sqp.studies import plan_many
 
@@ -97,6 +98,8 @@ __all__ = [
     "ProblemWarning",
     "RecordedMotion",
     "Replay",
+    "RigorousCheck",
+    "RigorousGuarantee",
     "ScenarioError",
     "SlewInsight",
     "Slope",
@@ -113,6 +116,7 @@ __all__ = [
     "analytic_slew_duration",
     "base_acceleration_bound",
     "certify",
+    "check_rigorously",
     "diagnose",
     "export_motion",
     "inspect",

@@ -41,18 +41,30 @@ from zmp_sqp.commands.machine_options import (
     add_payload_options,
     add_uncertainty_options,
 )
+from zmp_sqp.commands.rigorous_option import (
+    add_rigorous_option,
+    check_rigorous_option,
+    margin_to_confirm,
+)
 from zmp_sqp.errors import ContactLost, UnboundedAcceleration
 from zmp_sqp.mechanics import Machine, shipped_machines
 from zmp_sqp.mechanics.ground import Ground
 from zmp_sqp.mechanics.stability_measures import stability_measures
 from zmp_sqp.motion.interpolation import RULES
 from zmp_sqp.motion.reading import SUFFIXES, RecordedMotion, read_motion
-from zmp_sqp.planning import Certificate, Trajectory
+from zmp_sqp.planning import Certificate, Trajectory, UnicycleBase
 from zmp_sqp.planning.proof.certificate import certify_at
 from zmp_sqp.planning.proof.limits_in_time import limit_peaks
+from zmp_sqp.rigorous import RigorousCheck, check_rigorously
 from zmp_sqp.scenario.path_constraints import kinds_in_words
 from zmp_sqp.show.basis import BASIS_KEYS, basis_fields, basis_table
 from zmp_sqp.show.guarantees import GUARANTEE_KEYS, guarantee_fields, guarantee_table
+from zmp_sqp.show.rigorous import (
+    RIGOROUS_KEYS,
+    rigorous_fields,
+    rigorous_line,
+    rigorous_table,
+)
 from zmp_sqp.versions import installed_versions
 
 __all__ = ["add_check", "run_check"]
@@ -105,7 +117,7 @@ CHECK_KEYS = f"""\
   load_transfer_ratio  largest sampled value; 1 where one side carries nothing
   force_angle          [rad] least sampled value, Papadopoulos & Rey 1996
   tip_over_energy      [J] least sampled value, Messuri & Klein 1985 with inertial forces
-{GUARANTEE_KEYS}{BASIS_KEYS}\
+{GUARANTEE_KEYS}{RIGOROUS_KEYS}{BASIS_KEYS}\
   versions             of zmp-sqp, Python and the packages that the result depends on
 load_transfer_ratio, force_angle and tip_over_energy ignore the uncertainties.
 """
@@ -162,6 +174,7 @@ def add_check(commands: Any) -> None:
         ),
     )
     add_constraint_option(command)
+    add_rigorous_option(command)
     add_json_option(command)
 
 
@@ -214,6 +227,7 @@ def _add_motion_options(command: argparse.ArgumentParser) -> None:
 
 def run_check(arguments: argparse.Namespace) -> int:
     """Certify, print and write; returns the exit code."""
+    check_rigorous_option(arguments)
     if arguments.trajectory is None:  # --scenario in place of URDF
         arguments.urdf, arguments.trajectory = None, arguments.urdf
     question, path = question_of(arguments), Path(arguments.trajectory)
@@ -237,8 +251,12 @@ def run_check(arguments: argparse.Namespace) -> int:
     console.print(basis_table(result.pop("basis")))
     for hint in result["hints"]:
         console.print(f"Hint: {hint}", style="yellow", soft_wrap=True)
-    safe = result["safe"]
+    opinion, safe = result.pop("opinion", None), result["safe"]
     console.print(verdict(result), style=None if safe else "bold red", soft_wrap=True)
+    if opinion is not None:
+        safe = safe and opinion.confirmed
+        console.print(rigorous_table(opinion))
+        console.print(rigorous_line(opinion), soft_wrap=True)
     write_json(to_json(result), arguments.json, console)
     return DONE if safe else UNSAFE
 
@@ -259,6 +277,7 @@ def _checked(
         coordinates=question.coordinates,
         limit_allowance=allowance,
     )
+    opinion = _opinion(question, trajectory, found, base, allowance) if arguments.rigorous else None
     ends, faults = boundary_faults(question, read, arguments)
     peaks = limit_peaks(machine, trajectory, allowance)
     basis = question.basis(
@@ -282,6 +301,8 @@ def _checked(
         "gap": found.gap if bounded else None,
         **_measures(machine, trajectory, question.ground),
         "guarantees": guarantee_fields(found.guarantees),
+        "rigorous": None if opinion is None else rigorous_fields(opinion),
+        "opinion": opinion,
         "limits": limit_fields(peaks),
         "motion": motion_fields(read),
         "hints": hints_on(read.samples, trajectory, machine, degrees=arguments.degrees)
@@ -290,6 +311,26 @@ def _checked(
         "versions": installed_versions(),
         "basis": basis,
     }
+
+
+def _opinion(
+    question: Question,
+    trajectory: Trajectory,
+    found: Certificate,
+    base: UnicycleBase | None,
+    allowance: Array | None,
+) -> RigorousCheck:
+    """Second opinion on what a certificate guarantees."""
+    return check_rigorously(
+        question.machine,
+        trajectory,
+        question.ground,
+        margin_to_confirm(found.margin, found.required),
+        base=base,
+        constraints=question.constraints,
+        corners=question.corners,
+        limit_allowance=allowance,
+    )
 
 
 def _unbounded(question: Question, fault: str, path: Path) -> dict[str, Any]:
@@ -307,6 +348,7 @@ def _unbounded(question: Question, fault: str, path: Path) -> dict[str, Any]:
         "corner": "",
         "fault": fault,
         "guarantees": guarantee_fields(nothing.guarantees),
+        "rigorous": None,
         "limits": [],
         "motion": {"file": str(path), "interpolation": "linear"},
         "hints": [],

@@ -24,14 +24,21 @@ from zmp_sqp.commands.console import (
 from zmp_sqp.commands.exit_codes import DONE, INTERRUPTED, UNSAFE
 from zmp_sqp.commands.export_option import add_export_option, check_exports, write_exports
 from zmp_sqp.commands.live import live_line
+from zmp_sqp.commands.rigorous_option import (
+    add_rigorous_option,
+    check_rigorous_option,
+    margin_to_confirm,
+)
 from zmp_sqp.planning import Plan, Problem, Trajectory, diagnose, phase_plane, plan
 from zmp_sqp.planning.problem.checks import AUTO
+from zmp_sqp.rigorous import RigorousCheck, check_rigorously
 from zmp_sqp.scenario import load_scenario
 from zmp_sqp.scenario.path_constraints import kinds_in_words
 from zmp_sqp.show.basis import Basis, basis_table
 from zmp_sqp.show.guarantees import guarantee_table
 from zmp_sqp.show.joint_plots import joint_unit, plot_joints
 from zmp_sqp.show.results import RESULT_KEYS, make_result
+from zmp_sqp.show.rigorous import rigorous_fields, rigorous_line, rigorous_table
 from zmp_sqp.show.tables import history_table, joint_table, runs_table, summary_table
 from zmp_sqp.show.zmp_plots import plot_zmp
 
@@ -140,6 +147,7 @@ def _add_planning_options(command: argparse.ArgumentParser) -> None:
 
 
 def _add_output_options(command: argparse.ArgumentParser) -> None:
+    add_rigorous_option(command)
     add_out_option(command, PLAN_FILES)
     add_export_option(command)
     add_json_option(command)
@@ -159,6 +167,7 @@ def _intervals(text: str) -> int | str:
 
 def run_plan(arguments: argparse.Namespace) -> int:
     """Plan, print and write; returns the exit code."""
+    check_rigorous_option(arguments)
     scenario = load_scenario(arguments.scenario)
     overrides = {
         key: value
@@ -195,6 +204,11 @@ def run_plan(arguments: argparse.Namespace) -> int:
         except KeyboardInterrupt:  # the plan itself is done
             interrupted = True
             console.print("interrupted before a payload or slope was found that would do")
+    opinion = _opinion(found) if arguments.rigorous and found.success else None
+    if opinion is not None:
+        result["rigorous"] = rigorous_fields(opinion)
+        console.print(rigorous_table(opinion))
+        console.print(rigorous_line(opinion), soft_wrap=True)
     console.print(basis_table(Basis.of_problem(problem)))
     console.print(result["message"], style=None if found.success else "bold red", soft_wrap=True)
     if arguments.out is not None:
@@ -205,7 +219,22 @@ def run_plan(arguments: argparse.Namespace) -> int:
     write_json(to_json(result), arguments.json, console)
     if interrupted:
         return INTERRUPTED
-    return DONE if found.success else UNSAFE
+    confirmed = opinion is None or opinion.confirmed
+    return DONE if found.success and confirmed else UNSAFE
+
+
+def _opinion(found: Plan) -> RigorousCheck:
+    """Second opinion on a plan's guarantees, its guaranteed margin among them."""
+    problem = found.problem
+    return check_rigorously(
+        problem.machine,
+        found.trajectory,
+        problem.ground,
+        margin_to_confirm(found.certificate.margin, problem.margin),
+        base=problem.base,
+        constraints=problem.own_constraints,
+        corners=problem.corners(every=True),
+    )
 
 
 def _baseline(problem: Problem) -> Trajectory | None:

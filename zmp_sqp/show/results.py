@@ -12,6 +12,7 @@ from zmp_sqp.planning.proof.certificate import certify_for
 from zmp_sqp.scenario import Scenario
 from zmp_sqp.show.basis import BASIS_KEYS, Basis, basis_fields
 from zmp_sqp.show.guarantees import GUARANTEE_KEYS, guarantee_fields
+from zmp_sqp.show.rigorous import RIGOROUS_KEYS
 from zmp_sqp.versions import installed_versions
 
 __all__ = ["RESULT_KEYS", "make_result", "margin_fields", "plan_fields"]
@@ -38,7 +39,7 @@ RESULT_KEYS = f"""\
   diagnosis                 if no motion was found: largest_payload [kg] and steepest_slope [rad]
                             with which one was found instead; otherwise null
   joints                    by name: peak_rate, rate_limit, peak_acceleration, acceleration_limit
-{BASIS_KEYS}  versions                  of zmp-sqp, Python and the packages used
+{RIGOROUS_KEYS}{BASIS_KEYS}  versions                  of zmp-sqp, Python and the packages used
 """
 
 
@@ -80,6 +81,7 @@ def make_result(scenario: Scenario, found: Plan, baseline: Trajectory | None) ->
         "phase_plane": blind,
         "diagnosis": None,
         "joints": _joint_peaks(problem, found.trajectory) if found.success else None,
+        "rigorous": None,
         "rests_on": basis_fields(Basis.of_problem(problem)),
         "versions": installed_versions(),
     }
