@@ -95,11 +95,13 @@ class Memory:
         motion: Its certified motion.
         candidate: Point of the nonlinear program that the motion comes from; None where the motion
             was computed in closed form.
+        unfinished: Number of calls in which the search for it ran out of time; 0 once certified.
     """
 
     problem: Problem
     motion: Trajectory
     candidate: Candidate | None
+    unfinished: int = 0
 
     def nearest(self, q: Array, v: Array, around: float | None = None) -> tuple[float, float]:
         """Time at which the last motion is nearest to a state [s], and its distance there.

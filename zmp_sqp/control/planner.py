@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -14,19 +15,21 @@ import numpy as np
 from zmp_sqp.arrays import Array, finite_number, frozen_array
 from zmp_sqp.control.measured import within_limits
 from zmp_sqp.control.memory import Memory
-from zmp_sqp.control.replan import Remains, ready_motion, replanned
+from zmp_sqp.control.replan import Earlier, Effort, Remains, ready_motion, replanned
 from zmp_sqp.control.stop import INTERVALS as STOP_INTERVALS
-from zmp_sqp.control.stop import StopProblem, stop_plan
-from zmp_sqp.errors import ProblemError
+from zmp_sqp.control.stop import StopProblem, backend_of, stop_plan
+from zmp_sqp.errors import ProblemError, TrajectoryError
 from zmp_sqp.mechanics.ground import Ground, Slope
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.planning.problem.problem import Problem
 from zmp_sqp.planning.problem.unicycle_base import UnicycleBase
+from zmp_sqp.planning.program.solution import trajectory
 from zmp_sqp.planning.search.answer import Plan, Status
+from zmp_sqp.planning.search.keep_bound import REFUSED, SHORTEST_STEPS
 from zmp_sqp.planning.search.planner import answer
 from zmp_sqp.planning.search.run import Candidate, Runs
 from zmp_sqp.planning.search.single_thread import one_blas_thread
-from zmp_sqp.planning.search.task import task_of
+from zmp_sqp.planning.search.task import lower_bound_of, task_of
 from zmp_sqp.sqp.result import IterationRecord
 
 __all__ = ["Planner"]
@@ -36,6 +39,9 @@ USEFUL = 0.3  # distance of the state from the last motion (`Memory.nearest`) up
 USEFUL_GOAL = 0.5  # change of the goal per range of the last motion up to which it helps
 LEFT = 0.01  # share of the last motion that must be left for it to help
 RESERVE = 1.3  # time kept for the certificate, per time that it took last
+LEAST_STEP = 0.7  # share of the time of a step that must be left for it to begin
+GIVEN_UP = 6  # calls that go on with an unfinished search; then it starts from the last motion
+FIRST_RESERVE = 0.2  # share of the budget that is kept for it before the first one
 
 
 @dataclass(slots=True, eq=False)
@@ -52,6 +58,8 @@ class Planner:
         margin, intervals, model, constraints, tipping_fraction, payload_uncertainty,
         slope_uncertainty, payload_com_uncertainty: As for `Problem`.
         qp_solver: As for `plan`.
+        clock: Clock of time budgets [s]: `time.perf_counter` is wall time, `time.process_time` that
+            of this process alone, for simulations on a computer that does other work too.
     """
 
     machine: Machine
@@ -65,11 +73,16 @@ class Planner:
     payload_uncertainty: float = 0.0
     slope_uncertainty: float = 0.0
     payload_com_uncertainty: Any = 0.0
+    clock: Callable[[], float] = time.perf_counter
     _memory: Memory | None = field(default=None, init=False, repr=False)
+    # [s] time in the motion in memory at which the motion that was returned last begins
+    _begins: float = field(default=0.0, init=False, repr=False)
     # last motion to the goal of a search that has not succeeded yet
     _guess: Memory | None = field(default=None, init=False, repr=False)
     _in_use: Any = field(default_factory=threading.Lock, init=False, repr=False)
-    _step_time: float = field(default=0.0, init=False, repr=False)  # [s] of the last search
+    # whether the last search probed at the bound in vain
+    _refused_probe: bool = field(default=False, init=False, repr=False)
+    _step_time: float = field(default=0.0, init=False, repr=False)  # [s] per interval
     _proof_time: float = field(default=0.0, init=False, repr=False)  # [s] of the last certificate
 
     @one_blas_thread()
@@ -92,17 +105,17 @@ class Planner:
                 by measurement noise (0.01 rad or m, 5 % of the rates) is taken to be at them.
             goal: Joint coordinates at the goal, shape (n,) [rad or m].
             start_velocity: Joint rates now, shape (n,) [rad/s or m/s]; None is rest.
-            time_budget: Wall time for the answer [s]; None for no limit.
+            time_budget: Time for the answer by `clock` [s]; None for no limit.
             goal_velocity: Joint rates at the goal, shape (n,) [rad/s or m/s]; None is rest.
             base: Base that drives, from its pose and velocity now; None for one that stands.
-            elapsed: Time since the start of the last motion [s]; None finds the time at which that
-                motion is nearest to the state.
+            elapsed: Time since the start of the motion that the last call returned [s]; None finds
+                the time at which that motion is nearest to the state.
             progress: Called after every SQP iteration with its record.
 
         Returns:
             The plan. Where no motion to the goal is certified in time: the rest of the last motion,
-            with status KEPT; else the fastest safe motion to rest, with status STOP; else a plan
-            without success.
+            with status KEPT, even if it leads to another goal (that of `plan.problem`); else a safe
+            motion to rest, with status STOP; else a plan without success.
 
         Raises:
             ProblemError: Wrong arguments, a goal that is refused, or a call while another thread
@@ -131,30 +144,105 @@ class Planner:
     ) -> Plan:
         """Plan of a problem, or a stop where none is certified."""
         task = task_of(problem)
-        remains = self._remains(problem, elapsed)
-        proven, stops = ready_motion(task, remains, runs), None
+        earlier = self._earlier(problem, elapsed)
+        ready, spare = ready_motion(task, earlier, runs), None
+        proven, unfinished = ready.proven, None
         if proven is None and runs.deadline is not None:
-            stops = self._stop(fields, runs, quick=True)
+            spare = self._spare(earlier.last, fields, runs)
         if proven is None or proven.status is Status.KEPT:
-            if runs.deadline is not None:  # a step that begins is finished
-                runs.deadline -= self._step_time
-            proven = replanned(task, remains, proven, runs)
+            optional = proven is not None or spare is not None
+            effort = self._effort(problem, earlier.guess, runs, optional=optional)
+            proven, unfinished = replanned(
+                task, earlier, ready, runs, effort, spared=spare is not None
+            )
+            # every other call has all of its time for the search proper
+            self._refused_probe = any(run.status == REFUSED for run in runs.runs)
+        self._note_times(runs)
         plan = answer(problem, self.qp_solver, task.lower_bound, proven, runs)
-        if plan.success:
-            self._guess = None
-            # the rest of the last motion is found again in that motion, with its multipliers
-            if plan.status is not Status.KEPT or proven.candidate is not None:
-                self._remember(plan, proven.candidate)
-            self._note_times(runs)
-            return plan
-        if plan.attempt is not None:
-            self._guess = Memory(problem, plan.attempt, proven.candidate)
-        if stops is None or not stops.success:
-            stops = self._stop(fields, runs)
+        self._guess = self._unfinished(problem, earlier.guess, unfinished)
+        if not plan.success:
+            return self._instead(plan, spare, earlier.last, fields, runs)
+        if earlier.last is not None and proven.attempt is earlier.last.motion:
+            self._begins = earlier.last.at  # it is found again in memory, with its multipliers
+        else:
+            self._remember(plan, proven.candidate)
+        return plan
+
+    def _unfinished(
+        self, problem: Problem, guess: Remains | None, found: Candidate | None
+    ) -> Memory | None:
+        """Motion from which the next call goes on; None if the search is done."""
+        before = 0 if guess is None else guess.memory.unfinished
+        if found is None or before >= GIVEN_UP:
+            return None
+        try:
+            motion = trajectory(problem, found.program, found.motion)
+        except (ProblemError, TrajectoryError):  # it leaves the map
+            return None
+        return Memory(problem, motion, found, before + 1)
+
+    def _effort(
+        self, problem: Problem, remains: Remains | None, runs: Runs, *, optional: bool
+    ) -> Effort:
+        """What there is time for; also draws in the deadline, because steps are finished.
+
+        Args:
+            problem: The new problem.
+            remains: Motion from which the search starts.
+            runs: Runner of the searches, with their deadline.
+            optional: Whether there is a certified motion already.
+        """
+        intervals = problem.first_intervals
+        if runs.deadline is None:
+            return Effort(intervals)
+        left = runs.deadline - runs.clock()
+        unfinished = remains is not None and remains.memory.unfinished > 0
+        if unfinished or left < self._step_time * intervals:
+            intervals = max(intervals // 2, 1)
+        step = self._step_time * intervals
+        if optional and left < LEAST_STEP * step:
+            runs.deadline -= max(left, 0.0)
+        else:
+            runs.deadline -= min(step, 0.5 * max(left, 0.0))
+        return Effort(intervals, probes=not self._refused_probe)
+
+    def _spare(self, last: Remains | None, fields: Mapping[str, Any], runs: Runs) -> Plan | None:
+        """Certified motion for the case that none to the goal is found in time.
+
+        It is the rest of the last motion, to its goal; else a stop that is found quickly.
+        """
+        if last is not None and last.proven is not None and last.continued is not None:
+            problem = last.continued
+            return answer(problem, self.qp_solver, lower_bound_of(problem), last.proven, runs)
+        stop = self._stop(fields, runs, quick=True)
+        return stop if stop.success else None
+
+    def _instead(
+        self,
+        plan: Plan,
+        spare: Plan | None,
+        last: Remains | None,
+        fields: Mapping[str, Any],
+        runs: Runs,
+    ) -> Plan:
+        """Certified motion instead of a plan that failed; that plan if there is none."""
+        if spare is not None and spare.status is Status.KEPT and last is not None:
+            self._begins = last.at
+            message = f"{Status.KEPT} It leads to the goal of the last call."
+            return replace(
+                spare,
+                message=message,
+                solve_time=runs.elapsed,
+                iterations=len(runs.history),
+                history=tuple(runs.history),
+                runs=tuple(runs.runs),
+            )
+        stops = spare or self._stop(fields, runs)
         if not stops.success:
             return plan
         self._remember(stops, None)
-        return replace(stops, message=f"{plan.message} {Status.STOP}", solve_time=runs.elapsed)
+        message = f"{plan.message} {Status.STOP}"
+        return replace(stops, message=message, solve_time=runs.elapsed)
 
     @contextmanager
     def _sole_use(self) -> Iterator[None]:
@@ -190,25 +278,34 @@ class Planner:
     ) -> Runs:
         """Runner of the searches, which end early enough for a certificate within the budget."""
         if budget is None:
-            return Runs.start(self.qp_solver, None, progress)
+            return Runs.start(self.qp_solver, None, progress, clock=self.clock)
         budget = finite_number(budget, name="time_budget", error=ProblemError)
         if budget <= 0.0:
             raise ProblemError(f"time_budget must be positive, not {budget} s")
-        reserve = RESERVE * self._proof_time
-        return Runs.start(self.qp_solver, max(budget - reserve, 1e-6), progress)
+        reserve = RESERVE * self._proof_time if self._proof_time > 0.0 else FIRST_RESERVE * budget
+        limit = max(budget - reserve, 1e-6)
+        return Runs.start(self.qp_solver, limit, progress, clock=self.clock)
 
-    def _remains(self, problem: Problem, elapsed: float | None) -> Remains | None:
-        """What remains of the last motion, where it is near enough to help."""
-        for memory in (self._memory, self._guess):
+    def _earlier(self, problem: Problem, elapsed: float | None) -> Earlier:
+        """Rests of the last motion and of an unfinished search, where they are near the state.
+
+        As guess only where the goal, too, is near; motions to the new goal come first.
+        """
+        near: list[Remains] = []
+        for memory in (self._guess, self._memory):
             if memory is None or memory.motion.duration == 0.0:
                 continue
-            at, off = memory.nearest(problem.start, problem.start_velocity, elapsed)
-            travel = np.maximum(np.ptp(memory.motion.positions, axis=0), 0.1)
-            moved = float((np.abs(problem.goal - memory.problem.goal) / travel).max())
+            around = None
+            if elapsed is not None and memory is self._memory:
+                around = self._begins + elapsed
+            at, off = memory.nearest(problem.start, problem.start_velocity, around)
             left = memory.motion.duration - at
-            if off <= USEFUL and moved <= USEFUL_GOAL and left > LEFT * memory.motion.duration:
-                return Remains(memory, at, memory.rest(at))
-        return None
+            if off <= USEFUL and left > LEFT * memory.motion.duration:
+                near.append(Remains(problem, memory, at))
+        last = next((one for one in near if one.memory is self._memory), None)
+        near.sort(key=lambda one: not np.array_equal(one.memory.problem.goal, problem.goal))
+        helpful = (one for one in near if _goal_distance(one) <= USEFUL_GOAL)
+        return Earlier(last, next(helpful, None))
 
     def _stop(self, fields: Mapping[str, Any], runs: Runs, *, quick: bool = False) -> Plan:
         """Fastest certified motion to rest from the state now.
@@ -218,10 +315,11 @@ class Planner:
         Args:
             fields: Arguments of `Problem` but the goal.
             runs: Runner of this call, which gets the records.
-            quick: Whether to look no further than for a stop at its lower bound.
+            quick: As for `stop_plan`.
         """
         own = {**fields, "intervals": STOP_INTERVALS, "model": "full"}
-        unlimited = Runs.start(self.qp_solver, None, runs.progress)
+        backend = backend_of(self.qp_solver)
+        unlimited = Runs.start(backend, None, runs.progress, clock=self.clock)
         plan = stop_plan(own, unlimited, self.qp_solver, quick=quick)
         runs.history.extend(unlimited.history)
         runs.runs.extend(unlimited.runs)
@@ -246,8 +344,14 @@ class Planner:
 
     def _note_times(self, runs: Runs) -> None:
         """Note what a step of the search and a certificate took, for later time budgets."""
-        at = [record.time for record in runs.history]
-        steps = [late - early for early, late in pairwise(at) if late > early]
+        steps: list[float] = []
+        first = 0
+        for run in runs.runs:
+            records = runs.history[first : first + run.iterations]
+            first += run.iterations
+            if not any(SHORTEST_STEPS in one.backend for one in records):
+                times = [0.0, *(one.time for one in records)]
+                steps += [(late - early) / run.intervals for early, late in pairwise(times)]
         if steps:
             self._step_time = float(np.median(steps))
         self._proof_time = runs.proof_time or self._proof_time
@@ -255,4 +359,10 @@ class Planner:
     def _remember(self, plan: Plan, candidate: Candidate | None) -> None:
         """Keep a successful plan for the next call."""
         if plan.success and plan.attempt is not None:
-            self._memory = Memory(plan.problem, plan.attempt, candidate)
+            self._memory, self._begins = Memory(plan.problem, plan.attempt, candidate), 0.0
+
+
+def _goal_distance(remains: Remains) -> float:
+    """Largest change of the goal, per range of the earlier motion (at least 0.1 rad or m)."""
+    travel = np.maximum(np.ptp(remains.memory.motion.positions, axis=0), 0.1)
+    return float((np.abs(remains.problem.goal - remains.memory.problem.goal) / travel).max())

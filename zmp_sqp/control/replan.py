@@ -3,142 +3,266 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.control.memory import Memory, Rest
+from zmp_sqp.errors import ProblemError, TrajectoryError
 from zmp_sqp.motion.trajectory import Trajectory
 from zmp_sqp.planning.problem.problem import Problem
 from zmp_sqp.planning.program.grid import Grid
+from zmp_sqp.planning.program.solution import trajectory
 from zmp_sqp.planning.proof.boundary_states import meets_boundary_states
-from zmp_sqp.planning.proof.certificate import certify_for
+from zmp_sqp.planning.proof.certificate import Certificate, certify_for
 from zmp_sqp.planning.search.answer import Status
+from zmp_sqp.planning.search.explore import explore
 from zmp_sqp.planning.search.keep_bound import at_the_bound
-from zmp_sqp.planning.search.planner import searched, without_search
+from zmp_sqp.planning.search.planner import without_search
 from zmp_sqp.planning.search.prove import AT_BOUND, Proven, prove
+from zmp_sqp.planning.search.refine import refine
 from zmp_sqp.planning.search.run import Candidate, Runs
 from zmp_sqp.planning.search.task import Task
 from zmp_sqp.sqp.least_distance import nearest_feasible
 from zmp_sqp.sqp.result import SQPResult, SQPStatus
 from zmp_sqp.sqp.solver import SQPSettings
 
-__all__ = ["Remains", "ready_motion", "replanned"]
+__all__ = ["Earlier", "Effort", "Remains", "ready_motion", "replanned"]
 
 # the guess is near the solution: few steps, with the excess between the rows' points from the first
 WARM = SQPSettings(resumed=True, converged=1e-4, excess_from=1e-2)
 # relative increases of the rest's duration, at which a motion near it is looked for
 SLOWER = (0.005, 0.05)
+# calls in which the search ran out of time, from which on it no longer looks for a motion to join
+JOINED = 2
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Remains:
-    """What remains of the last motion at the time of a new plan.
+    """What remains of an earlier motion at the time of a new plan.
 
     Attributes:
-        memory: The last motion.
+        problem: The new problem.
+        memory: The earlier motion.
         at: Time at which it is left [s].
-        rest: Its rest, in the coordinates of the planner.
     """
 
+    problem: Problem
     memory: Memory
     at: float
-    rest: Rest
 
-    @property
+    @cached_property
+    def rest(self) -> Rest:
+        """Rest of the motion, in the coordinates of the planner."""
+        return self.memory.rest(self.at)
+
+    @cached_property
     def motion(self) -> Trajectory:
         """The rest, as a motion that starts at time 0."""
         return self.memory.motion.after(self.at)
 
-    def kept(self, problem: Problem) -> Proven | None:
-        """The rest itself, if it starts and ends where a problem does and is certified."""
-        motion = self.motion
-        if not meets_boundary_states(problem, motion):
+    @cached_property
+    def continued(self) -> Problem | None:
+        """The new problem with the goal that the rest leads to; None if the rest does not fit."""
+        if meets_boundary_states(self.problem, self.motion):
+            return self.problem
+        old, base = self.memory.problem, self.problem.base
+        changes: dict[str, Any] = {"goal": old.goal, "goal_velocity": old.goal_velocity}
+        if base is not None and old.base is not None:
+            goal = {"goal": old.base.goal, "goal_velocity": old.base.goal_velocity}
+            changes["base"] = replace(base, **goal)
+        try:
+            problem = replace(self.problem, **changes)
+        except ProblemError:
+            return None  # the machine cannot stand there any more
+        return problem if meets_boundary_states(problem, self.motion) else None
+
+    @cached_property
+    def proven(self) -> Proven | None:
+        """The rest itself, to the new goal or the old one; None unless it is certified."""
+        if self.continued is None:
             return None
-        checked = certify_for(problem, motion)
+        checked = certify_for(self.continued, self.motion)
         if not checked.safe:
             return None
-        return Proven(Status.KEPT, checked, motion, motion.duration)
+        return Proven(Status.KEPT, checked, self.motion, self.motion.duration)
+
+    @property
+    def kept(self) -> Proven | None:
+        """The rest itself, if it leads to the new goal and is certified."""
+        return self.proven if self.continued is self.problem else None
 
 
-def ready_motion(task: Task, remains: Remains | None, runs: Runs) -> Proven | None:
-    """Certified motion that needs no long search; None if there is none.
+class Effort(NamedTuple):
+    """What there is time for in a search.
+
+    Attributes:
+        intervals: Number of intervals of the grid.
+        probes: Whether to probe at the bound where tip-over does not shape the rest.
+    """
+
+    intervals: int
+    probes: bool = True
+
+
+class Ready(NamedTuple):
+    """What was found without a long search.
+
+    Attributes:
+        proven: Certified motion; None if there is none.
+        near: Last point of the attempt to join the rest, which violates constraints; None if there
+            was no attempt.
+    """
+
+    proven: Proven | None
+    near: Candidate | None = None
+
+
+class Earlier(NamedTuple):
+    """Earlier motions that a new plan may use.
+
+    Attributes:
+        last: Rest of the last certified motion; None if it is far from the state.
+        guess: Motion from which the search starts; None if none is near state and goal.
+    """
+
+    last: Remains | None
+    guess: Remains | None
+
+    @property
+    def kept(self) -> Proven | None:
+        """Rest of the last motion, if it leads to the new goal and is certified."""
+        return None if self.last is None else self.last.kept
+
+
+class Answer(NamedTuple):
+    """How a search ended.
+
+    Attributes:
+        proven: Certified motion, or the last motion of the search if there is none.
+        unfinished: Last point of a search that ran out of time; None if it did not.
+    """
+
+    proven: Proven
+    unfinished: Candidate | None = None
+
+
+def ready_motion(task: Task, earlier: Earlier, runs: Runs) -> Ready:
+    """Certified motion that needs no long search.
 
     With status KEPT it is the rest of the last motion, or a motion near it, looked for only where
     time is limited: a search may find a faster one. With any other status it is the answer.
     """
     known = without_search(task)
-    if known is not None or remains is None:
-        return known
-    at_bound = task.lower_bound * (1.0 + AT_BOUND)
-    if remains.rest.duration > at_bound and runs.deadline is None:
-        return None
-    kept = remains.kept(task.problem)
+    if known is not None:
+        return Ready(known)
+    at_bound, last, guess = task.lower_bound * (1.0 + AT_BOUND), earlier.last, earlier.guess
+    if runs.deadline is None and (last is None or last.rest.duration > at_bound):
+        return Ready(None)
+    kept = earlier.kept
     if kept is not None and kept.duration <= at_bound:
-        return replace(kept, status=Status.FASTEST_POSSIBLE)
-    return kept or (None if runs.deadline is None else _joined(task, remains.rest, runs))
+        return Ready(replace(kept, status=Status.FASTEST_POSSIBLE))
+    if kept is not None or runs.deadline is None or guess is None:
+        return Ready(kept)
+    return Ready(None) if guess.memory.unfinished >= JOINED else _joined(task, guess.rest, runs)
 
 
-def replanned(task: Task, remains: Remains | None, kept: Proven | None, runs: Runs) -> Proven:
+def replanned(
+    task: Task, earlier: Earlier, ready: Ready, runs: Runs, effort: Effort, *, spared: bool = False
+) -> Answer:
     """Fastest certified motion of a search; without one, the last motion of the search.
 
     Args:
         task: Task from the state now.
-        remains: What remains of the last motion; None where it does not help.
-        kept: Motion that `ready_motion` found with status KEPT, or None.
+        earlier: Earlier motions.
+        ready: What `ready_motion` found, with status KEPT if anything.
         runs: Runner of the searches, with their deadline.
+        effort: What there is time for.
+        spared: Whether there is another certified motion, so that what violates the constraints
+            when time is up needs no certificate.
     """
-    if remains is None:
-        return searched(task, runs)
-    if kept is not None and runs.is_late:
-        return kept
-    found = _from_rest(task, remains.rest, runs)
+    kept, guess = ready.proven, earlier.guess
+    if guess is None and kept is None:
+        return _from_nothing(task, runs, spared=spared)
+    if kept is not None and (runs.is_late or guess is None):
+        return Answer(kept)
+    if runs.is_late and spared and ready.near is not None:
+        return Answer(_without_proof(task, ready.near), ready.near)
+    if guess is None:
+        raise RuntimeError("replanned: there is neither a guess nor a certified motion")
+    found = _from_rest(task, guess, runs, effort)
     if kept is not None and not found.is_feasible:
-        return kept
+        return Answer(kept, found)
+    if spared and runs.is_late and not found.is_feasible:
+        return Answer(_without_proof(task, found), found)
     proven = prove(task, found, runs)
+    kept = kept or (earlier.kept if proven.duration > guess.rest.duration else None)
     if proven.status.success:
-        if kept is None and proven.duration > remains.rest.duration:
-            kept = remains.kept(task.problem)
         if kept is None or proven.duration <= kept.duration:
-            return proven
-        return replace(kept, status=proven.status)  # the search found nothing faster
+            return Answer(proven)
+        return Answer(replace(kept, status=proven.status))  # the search found nothing faster
     if kept is None and not runs.is_late:
-        proven = searched(task, runs)
-    if proven.status.success:
-        return proven
-    return kept or remains.kept(task.problem) or _joined(task, remains.rest, runs) or proven
+        answer = _from_nothing(task, runs, spared=spared)
+        if answer.proven.status.success:
+            return answer
+        proven = answer.proven
+    return Answer(kept or earlier.kept or _joined(task, guess.rest, runs).proven or proven, found)
 
 
-def _from_rest(task: Task, rest: Rest, runs: Runs) -> Candidate:
+def _from_nothing(task: Task, runs: Runs, *, spared: bool) -> Answer:
+    """Motion of a search like that of `plan`; without certificate if time is up and not needed."""
+    found = explore(task, runs)
+    if spared and runs.is_late and not found.is_feasible:
+        return Answer(_without_proof(task, found), found)
+    return Answer(prove(task, refine(task, found, runs), runs), found)
+
+
+def _without_proof(task: Task, found: Candidate) -> Proven:
+    """Last motion of a search that ran out of time, without certificate."""
+    nothing = Certificate.of_nothing(task.problem.margin)
+    try:
+        motion = trajectory(task.problem, found.program, found.motion)
+    except (ProblemError, TrajectoryError):  # it leaves the map
+        return Proven(Status.TIME_BUDGET, nothing, None, found.duration)
+    return Proven(Status.TIME_BUDGET, nothing, motion, motion.duration, candidate=found)
+
+
+def _from_rest(task: Task, guess: Remains, runs: Runs, effort: Effort) -> Candidate:
     """Motion that the search finds from the rest of the last one."""
-    if not rest.is_active:
+    rest = guess.rest
+    if effort.probes and not rest.is_active and not guess.memory.unfinished:
 
-        def guess(grid: Grid) -> Array:
+        def on(grid: Grid) -> Array:
             return rest.grid.on(grid, rest.controls)
 
-        found = at_the_bound(task, runs, guess)
+        found = at_the_bound(task, runs, on)
         if found is not None:
             return found
-    grid = Grid.of(task.problem.first_intervals)
+    grid = Grid.of(effort.intervals)
     program, point = rest.on(task, grid, max(rest.duration, task.lower_bound))
     y, z, excess = np.zeros(program.equalities), rest.multipliers(program), rest.excess_of(program)
     purpose = "from the rest of the last motion"
     return runs.minimize(program, point, WARM, y=y, z=z, excess=excess, purpose=purpose)
 
 
-def _joined(task: Task, rest: Rest, runs: Runs) -> Proven | None:
-    """Certified motion near the rest, and a little slower; None if there is none."""
+def _joined(task: Task, rest: Rest, runs: Runs) -> Ready:
+    """Certified motion near the rest, and a little slower."""
+    near: Candidate | None = None
     for slower in SLOWER:
         duration = max(rest.duration * (1.0 + slower), task.lower_bound)
         program, point = rest.on(task, Grid.of(task.problem.first_intervals // 2), duration)
         found = nearest_feasible(program, point, runs.backend)
-        if not found.feasible:
-            continue
         y, z = np.zeros(program.equalities), rest.multipliers(program)
-        result = SQPResult(found.point, y, z, found.excess, SQPStatus.FEASIBLE, found.at, ())
-        joined = Candidate(program, result)
-        runs.record(f"join the rest, {100.0 * slower:g} % slower", joined)
-        proven = prove(task, joined, runs)
-        if proven.status.success:
-            return replace(proven, status=Status.KEPT)
-    return None
+        status = SQPStatus.FEASIBLE if found.feasible else SQPStatus.TIME_LIMIT
+        result = SQPResult(found.point, y, z, found.excess, status, found.at, ())
+        near = Candidate(program, result)
+        if found.feasible:
+            runs.record(f"join the rest, {100.0 * slower:g} % slower", near)
+            proven = prove(task, near, runs)
+            if proven.status.success:
+                return Ready(replace(proven, status=Status.KEPT))
+        if runs.is_late:
+            break
+    return Ready(None, near)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import time
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -28,11 +29,12 @@ from zmp_sqp.planning.search.prove import Proven, prove
 from zmp_sqp.planning.search.run import Candidate, Runs
 from zmp_sqp.planning.search.single_thread import one_blas_thread
 from zmp_sqp.planning.search.task import Task, task_of
-from zmp_sqp.sqp.least_distance import nearest_feasible
+from zmp_sqp.sqp.iterate import is_feasible
+from zmp_sqp.sqp.least_distance import EQUALITY, nearest_feasible
 from zmp_sqp.sqp.result import SQPResult, SQPStatus
 from zmp_sqp.sqp.solver import SQPSettings
 
-__all__ = ["INTERVALS", "StopProblem", "plan_stop", "stop_plan"]
+__all__ = ["INTERVALS", "StopProblem", "backend_of", "plan_stop", "stop_plan"]
 
 INTERVALS = 10  # of a stop: it is short
 # durations of the initial guesses per lower bound, in geometric progression; the search starts from
@@ -57,6 +59,7 @@ def plan_stop(
     intervals: int = INTERVALS,
     qp_solver: str = "auto",
     time_budget: float | None = None,
+    clock: Callable[[], float] = time.perf_counter,
     **options: Any,
 ) -> Plan:
     r"""Fastest motion from a moving state to rest, anywhere, that does not tip the machine over.
@@ -79,7 +82,9 @@ def plan_stop(
         margin: Distance that the ZMP keeps from every edge of the support polygon [m].
         intervals: Number of intervals of the time grid.
         qp_solver: As for `plan`.
-        time_budget: Wall time after which no new QP starts [s]; None for no limit.
+        time_budget: Time by `clock` after which no new QP starts [s]; then even braking is tried.
+            None for no limit.
+        clock: As for `Planner`.
         options: Further arguments of `Problem`, such as `constraints` or `payload_uncertainty`.
 
     Returns:
@@ -99,7 +104,16 @@ def plan_stop(
         "intervals": intervals,
         **options,
     }
-    return stop_plan(fields, Runs.start(qp_solver, time_budget, None), qp_solver)
+    runs = Runs.start(backend_of(qp_solver), time_budget, None, clock=clock)
+    return stop_plan(fields, runs, qp_solver)
+
+
+def backend_of(qp_solver: str) -> str:
+    """QP solver of stops: PIQP for "auto".
+
+    ProxQP, which "auto" takes for QPs as small as these, is here slower by up to 75 F.
+    """
+    return "piqp" if qp_solver == "auto" else qp_solver
 
 
 def stop_plan(
@@ -111,7 +125,7 @@ def stop_plan(
         fields: Arguments of `Problem` but the goal.
         runs: Runner of the searches.
         qp_solver: Name of the QP solver, for the plan.
-        quick: Whether to look no further than for a stop at its lower bound.
+        quick: Whether to search for no more than a stop at its lower bound, and even braking.
 
     Raises:
         ProblemError: Wrong arguments.
@@ -154,8 +168,6 @@ def _stop(task: Task, runs: Runs, *, quick: bool) -> tuple[Proven, Problem]:
                 return proven, problem
             proven = replace(proven, status=Status.INFEASIBLE)  # it could not stand at the end
         failed.append(proven)
-        if runs.is_late:
-            break
     if not failed:
         return _nothing(task), task.problem
     return max(failed, key=lambda one: one.certificate.margin), task.problem
@@ -177,10 +189,14 @@ def _attempts(task: Task, runs: Runs, *, quick: bool) -> Iterator[Proven]:
     found = _at_the_bound(task, runs)
     if found is not None:
         yield prove(task, found, runs)
-    if quick:
+    if not quick and not runs.is_late:
+        yield prove(task, _searched(task, runs, _easiest_pace(task), held=False), runs)
+    if quick or runs.is_late:
+        evenly = _even_braking(task, runs)
+        if evenly is not None:
+            yield prove(task, evenly, runs)
         return
     easiest = _easiest_pace(task)
-    yield prove(task, _searched(task, runs, easiest, held=False), runs)
     for slower in HELD:
         found = _searched(task, runs, slower * easiest, held=True)
         if found.is_feasible and not runs.is_late:
@@ -278,6 +294,21 @@ def _braking(task: Task, duration: float, *, held: bool = False) -> tuple[Staged
     program = task.program(duration, Grid.of(intervals), least=least)
     brakes = np.broadcast_to(-task.start.v * duration, (intervals, 2, len(task.start.v)))
     return program, program.pack(brakes, duration**2)
+
+
+def _even_braking(task: Task, runs: Runs) -> Candidate | None:
+    """Fastest even braking that is feasible at the paces that are tried; None if none is."""
+    for pace in FIRST_PACE * SLOWER ** np.arange(TRIALS):
+        program, point = _braking(task, pace * task.lower_bound)
+        at = program.evaluate(point)
+        if not is_feasible(at, program.tolerance, EQUALITY):
+            continue
+        y, z = np.zeros(program.equalities), np.zeros(program.inequalities)
+        result = SQPResult(point, y, z, None, SQPStatus.FEASIBLE, at, ())
+        braking = Candidate(program, result)
+        runs.record(f"even braking, {pace:g} x bound", braking)
+        return braking
+    return None
 
 
 def _easiest_pace(task: Task) -> float:

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from zmp_sqp.arrays import Array, Indices, finite_number
+from zmp_sqp.arrays import Array, finite_number
 from zmp_sqp.errors import GIVE_SUPPORT, MachineError, ProblemError, TrajectoryError
 from zmp_sqp.mechanics.ground import Ground
 from zmp_sqp.mechanics.joint_coupling import JointCoupling
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.motion.trajectory import Trajectory
-from zmp_sqp.simulation.engine import load_mujoco
-from zmp_sqp.simulation.multibody import contact_time, foot_name, multibody_spec
+from zmp_sqp.simulation.free_standing import FreeStanding
+from zmp_sqp.simulation.multibody import contact_time
 from zmp_sqp.simulation.outcome import Replay
 
 __all__ = ["replay"]
@@ -78,9 +78,7 @@ def replay(
     settings = _Settings.checked(
         trajectory, time_step=time_step, hold=hold, friction=friction, sinkage=sinkage
     )
-    record = _simulate(
-        _Simulation.of(machine, ground, settings), trajectory, machine.coupling, settings
-    )
+    record = _simulate(_standing(machine, ground, settings), trajectory, machine.coupling, settings)
     times = np.asarray(settings.time_step * np.arange(len(record.poses)), dtype=np.float64)
     return Replay(machine, trajectory, ground, times, *record)
 
@@ -132,95 +130,19 @@ class _Record(NamedTuple):
     fell: bool
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Simulation:
-    """MuJoCo simulation of a machine whose joints are driven kinematically.
-
-    Attributes:
-        mujoco: The package.
-        model: `mujoco.MjModel` of the machine on its ground.
-        data: `mujoco.MjData`, the state of the simulation.
-        time_step: Length of a step [s].
-        at_q, at_v: Index of each joint in MuJoCo's positions and rates, shape (m,) each; the m
-            joints are those of the Pinocchio model, mimic joints included.
-        drive: Inertia of each joint's drive, shape (m,) [kg m^2 or kg].
-        corner_of: Corner of the support polygon whose foot a geometry is, by index of the geometry.
-        corners: Number V of corners of the support polygon.
-    """
-
-    mujoco: Any
-    model: Any
-    data: Any
-    time_step: float
-    at_q: Indices
-    at_v: Indices
-    drive: Array
-    corner_of: Indices
-    corners: int
-
-    @classmethod
-    def of(cls, machine: Machine, ground: Ground, settings: _Settings) -> _Simulation:
-        """Simulation of a machine on its ground, before the first step."""
-        mujoco = load_mujoco()
-        model = multibody_spec(
-            machine,
-            ground,
-            time_step=settings.time_step,
-            friction=(settings.friction, settings.friction * 1.0),  # 1.0 m: lever of twisting
-            sinkage=settings.sinkage,
-        ).compile()
-        joints = [model.joint(name) for name in list(machine.model.names)[2:]]
-        at_v = np.array([joint.dofadr[0] for joint in joints])
-        return cls(
-            mujoco,
-            model,
-            mujoco.MjData(model),
-            settings.time_step,
-            at_q=np.array([joint.qposadr[0] for joint in joints]),
-            at_v=at_v,
-            drive=model.dof_armature[at_v],
-            corner_of=np.arange(model.ngeom) - model.geom(foot_name(0)).id,  # feet are consecutive
-            corners=len(machine.support.vertices),  # type: ignore[union-attr]
-        )
-
-    @property
-    def root_pose(self) -> Array:
-        """Position and quaternion (w, x, y, z) of the root, shape (7,)."""
-        return np.asarray(self.data.qpos[:7])
-
-    def set_positions(self, q: Array) -> None:
-        """Set the joint coordinates, shape (m,)."""
-        self.data.qpos[self.at_q] = q
-
-    def set_rates(self, v: Array) -> None:
-        """Set the joint rates, shape (m,)."""
-        self.data.qvel[self.at_v] = v
-
-    def step_to(self, target: Array) -> float:
-        """Simulate one step in which the joints are driven to `target`, shape (m,).
-
-        The drive forces are drive * (target - q - h v) / h^2, see `replay`.
-
-        Returns:
-            Largest distance of a joint from its target after the step [rad or m].
-        """
-        data, h = self.data, self.time_step
-        change = target - data.qpos[self.at_q] - h * data.qvel[self.at_v]
-        data.qfrc_applied[self.at_v] = self.drive * change / h**2
-        self.mujoco.mj_step(self.model, data)
-        return float(np.abs(data.qpos[self.at_q] - target).max())
-
-    def foot_loads(self) -> Array:
-        """Normal force on the foot at each corner in the last step, shape (V,) [N]."""
-        loads, contact = np.zeros(self.corners), self.data.contact
-        rows = contact.efc_address  # of the normal force, -1 for contacts without one
-        corner = self.corner_of[contact.geom[:, 1]]
-        np.add.at(loads, corner[rows >= 0], self.data.efc_force[rows[rows >= 0]])
-        return loads
+def _standing(machine: Machine, ground: Ground, settings: _Settings) -> FreeStanding:
+    """Simulation of a machine on its ground, before the first step."""
+    return FreeStanding.of(
+        machine,
+        ground,
+        time_step=settings.time_step,
+        friction=settings.friction,
+        sinkage=settings.sinkage,
+    )
 
 
 def _simulate(
-    simulation: _Simulation, trajectory: Trajectory, coupling: JointCoupling, settings: _Settings
+    simulation: FreeStanding, trajectory: Trajectory, coupling: JointCoupling, settings: _Settings
 ) -> _Record:
     """Let the machine settle at rest, then drive its joints along a trajectory."""
     h = settings.time_step

@@ -79,7 +79,8 @@ class SQPSettings:
         max_iterations: Largest number of iterations.
         resumed: Whether the initial guess is near a solution with known multipliers: clipping is
             then not full at first, and rows are screened from the first QP on.
-        deadline: `time.perf_counter()` value after which no iteration starts [s]; None for none.
+        deadline: Value of `clock` after which no iteration starts [s]; None for none.
+        clock: Clock of the deadline and of the records [s].
     """
 
     optimality: float = 1e-6
@@ -91,6 +92,7 @@ class SQPSettings:
     max_iterations: int = 60
     resumed: bool = False
     deadline: float | None = None
+    clock: Callable[[], float] = time.perf_counter
 
 
 @dataclass(slots=True)
@@ -177,7 +179,7 @@ class SQP:
         Args:
             program, point, y, z, excess: Arguments of `minimize`.
         """
-        self._history, self._started = [], time.perf_counter()
+        self._history, self._started = [], self.settings.clock()
         lin = _with(program.linearize(point), excess)
         y = np.zeros(program.equalities) if y is None else y
         z = np.zeros(program.inequalities) if z is None else z
@@ -189,7 +191,7 @@ class SQP:
         if iterate.verdict is not None:
             return iterate.verdict
         deadline = self.settings.deadline
-        if deadline is not None and time.perf_counter() > deadline:
+        if deadline is not None and self.settings.clock() > deadline:
             return SQPStatus.TIME_LIMIT
         if iterate.number >= self.settings.max_iterations:
             return SQPStatus.ITERATION_LIMIT
@@ -526,7 +528,7 @@ class SQP:
             objective=iterate.lin.at.objective,
             violation=iterate.violation,
             step=found.length,
-            time=time.perf_counter() - self._started,
+            time=self.settings.clock() - self._started,
         )
         self._history.append(record)
         if self.report is not None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 
 import numpy as np
@@ -17,7 +16,7 @@ from zmp_sqp.sqp.iterate import is_feasible
 from zmp_sqp.sqp.least_distance import EQUALITY, Nearest, nearest_feasible
 from zmp_sqp.sqp.result import IterationRecord, SQPResult, SQPStatus
 
-__all__ = ["ABOVE", "at_the_bound", "intervals_per_coarse_one"]
+__all__ = ["ABOVE", "REFUSED", "SHORTEST_STEPS", "at_the_bound", "intervals_per_coarse_one"]
 
 # relative excess of the duration over the lower bound: at the bound itself the deciding joint has
 # only one motion
@@ -27,6 +26,7 @@ ABOVE = 3e-4
 PROBES = ((ABOVE, False), (ABOVE, True), (0.0, True))
 LEAST_PER_PHASE = 2  # fewest intervals in each phase of the deciding coordinate
 PURPOSE = "probe at the bound"
+REFUSED = "refused"  # status of a probe that finds nothing
 SHORTEST_STEPS = ", shortest steps"  # what the record of its iteration adds to the QP solver
 LEAST_COARSE = 8  # fewest intervals of a grid that is half as fine as the problem's
 COARSEST = 25  # fewest intervals of a still coarser one
@@ -106,7 +106,7 @@ def _probe(
     runs.note(record)
     if not found.feasible:
         runs.runs.append(
-            SearchRun(PURPOSE, coarse.size, found.backend, 1, "refused", motion.duration)
+            SearchRun(PURPOSE, coarse.size, found.backend, 1, REFUSED, motion.duration)
         )
         return None
     point, at, excess = found.point, found.at, found.excess
@@ -185,5 +185,5 @@ def _record(found: Nearest, runs: Runs) -> IterationRecord:
         objective=found.at.objective,
         violation=found.at.violation,
         step=1.0 if found.feasible else 0.0,
-        time=time.perf_counter() - runs.started,
+        time=runs.clock() - runs.started,
     )

@@ -86,14 +86,15 @@ class Runs:
 
     Attributes:
         backend: QP solver that the user chose.
-        started: Start of planning, a `time.perf_counter()` value [s].
-        deadline: `time.perf_counter()` value after which no new QP starts [s]; None for no limit.
+        started: Start of planning, a value of `clock` [s].
+        deadline: Value of `clock` after which no new QP starts [s]; None for no limit.
         progress: Called after every iteration with its record; None for no calls.
         announce: Called with words about what begins; None for no calls.
         stage: What the planner is about: "explore", "refine" or "prove".
         history: Records of all iterations so far.
         runs: One record per run so far.
-        proof_time: Wall time of the last certificate [s]; 0 before the first.
+        proof_time: Time of the last certificate [s]; 0 before the first.
+        clock: Clock of deadline and records [s].
     """
 
     backend: QPBackend
@@ -105,6 +106,7 @@ class Runs:
     history: list[IterationRecord] = field(default_factory=list)
     runs: list[SearchRun] = field(default_factory=list)
     proof_time: float = 0.0
+    clock: Callable[[], float] = time.perf_counter
 
     @classmethod
     def start(
@@ -113,28 +115,30 @@ class Runs:
         time_budget: float | None,
         progress: Callable[[IterationRecord], None] | None,
         announce: Callable[[str], None] | None = None,
+        *,
+        clock: Callable[[], float] = time.perf_counter,
     ) -> Runs:
         """Start the time budget, with a QP solver by name.
 
         Raises:
             ProblemError: Unknown QP solver.
         """
-        started = time.perf_counter()
+        started = clock()
         deadline = None if time_budget is None else started + time_budget
         backend = make_backend(qp_solver)
         if deadline is not None:
-            backend = Punctual(backend, deadline)
-        return cls(backend, started, deadline, progress, announce)
+            backend = Punctual(backend, deadline, clock)
+        return cls(backend, started, deadline, progress, announce, clock=clock)
 
     @property
     def is_late(self) -> bool:
         """Whether the deadline has passed."""
-        return self.deadline is not None and time.perf_counter() > self.deadline
+        return self.deadline is not None and self.clock() > self.deadline
 
     @property
     def elapsed(self) -> float:
-        """Wall time since planning began [s]."""
-        return time.perf_counter() - self.started
+        """Time since planning began [s]."""
+        return self.clock() - self.started
 
     def enter(self, stage: str) -> None:
         """Begin a stage of planning and announce it."""
@@ -167,7 +171,7 @@ class Runs:
             purpose: Purpose of the run in words, for its record.
         """
         self.say(f"{purpose}, {program.grid.size} intervals")
-        settings = replace(settings, deadline=self.deadline)
+        settings = replace(settings, deadline=self.deadline, clock=self.clock)
         sqp = SQP(self.backend, settings, self.progress)
         result = sqp.minimize(program, point, y=y, z=z, excess=excess)
         self.history.extend(result.history)

@@ -25,7 +25,7 @@ from zmp_sqp.planning.program.rows import BoundConstraints, StageRows
 from zmp_sqp.planning.program.staged import StagedProgram
 from zmp_sqp.planning.search.guess import initial_guess, swung_aside
 
-__all__ = ["Task", "Tightening", "task_of"]
+__all__ = ["Task", "Tightening", "lower_bound_of", "task_of"]
 
 
 POSES = 9  # poses on the straight line in joint space at which corners are compared at rest
@@ -162,19 +162,21 @@ class Task:
         return int(np.argmax(outside))
 
 
+def lower_bound_of(problem: Problem) -> float:
+    """Duration that no motion within the limits of joints and base can undercut [s]."""
+    limits = problem.machine.limits
+    of_joints = slowest_minimum_time(
+        problem.goal - problem.start,
+        max_velocity=limits.velocity,
+        max_acceleration=limits.acceleration,
+        start_velocity=problem.start_velocity,
+        goal_velocity=problem.goal_velocity,
+    )
+    return max(problem.undercarriage.least_duration, of_joints)
+
+
 def task_of(problem: Problem) -> Task:
     """Planning task of a problem."""
     start, goal = boundaries(problem)
-    bounds = path_bounds(problem, start, goal)
-    limits = problem.machine.limits
-    lower_bound = max(
-        problem.undercarriage.least_duration,
-        slowest_minimum_time(
-            problem.goal - problem.start,
-            max_velocity=limits.velocity,
-            max_acceleration=limits.acceleration,
-            start_velocity=problem.start_velocity,
-            goal_velocity=problem.goal_velocity,
-        ),
-    )
-    return Task(problem, start, goal, bounds, bound_constraints(problem), lower_bound)
+    bounds, constraints = path_bounds(problem, start, goal), bound_constraints(problem)
+    return Task(problem, start, goal, bounds, constraints, lower_bound_of(problem))

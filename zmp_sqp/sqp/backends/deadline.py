@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -28,14 +29,17 @@ class Punctual:
     that accept a time limit get the remaining time.
     """
 
-    def __init__(self, backend: QPBackend, deadline: float) -> None:
+    def __init__(
+        self, backend: QPBackend, deadline: float, clock: Callable[[], float] = time.perf_counter
+    ) -> None:
         """Wrap a backend.
 
         Args:
             backend: Solver of QPs until the deadline.
-            deadline: `time.perf_counter()` value after which no QP starts [s].
+            deadline: Value of the clock after which no QP starts [s].
+            clock: Clock of the deadline [s].
         """
-        self._backend, self._deadline = backend, deadline
+        self._backend, self._deadline, self._clock = backend, deadline, clock
         self.name, self.needs_convex = backend.name, backend.needs_convex
         self._size = 0  # number of variables of the last QP
 
@@ -60,7 +64,7 @@ class Punctual:
         return self._backend.solve_again(u, b)
 
     def _has_time(self) -> bool:
-        remaining = self._deadline - time.perf_counter()
+        remaining = self._deadline - self._clock()
         if remaining > 0.0 and isinstance(self._backend, TimeLimited):
             self._backend.time_limit = remaining
         return remaining > 0.0
