@@ -41,6 +41,8 @@ INTERVALS = 10  # of a stop: it is short
 # the first one whose violation is small, and otherwise from the one with the least
 FIRST_PACE, SLOWER, TRIALS = 1.2, 1.4, 20
 HELD = (1.8, 4.0)  # times that pace, at which the duration is held until a motion is feasible
+# a stop is short: 0.1 % of it is a millisecond, and steps that creep cost more than they gain
+SETTINGS = SQPSettings(converged=1e-3, max_iterations=25)
 SMALL = 0.1  # violation of a guess, as scaled in the program, from which few steps are needed
 SAME = 1e-9  # [s] times that are closer together are one node
 SHARES = np.array([0.0, 0.5, 1.0])  # of an interval, at which the ZMP is sampled before a proof
@@ -327,7 +329,7 @@ def _searched(task: Task, runs: Runs, pace: float, *, held: bool) -> Candidate:
     """Motion found by SQP from even braking at a pace, which is held or may be exceeded."""
     program, point = _braking(task, pace * task.lower_bound, held=held)
     purpose = f"even braking, {pace:g} x bound{', held' if held else ''}"
-    return runs.minimize(program, point, SQPSettings(), purpose=purpose)
+    return runs.minimize(program, point, SETTINGS, purpose=purpose)
 
 
 def _released(task: Task, runs: Runs, held: Candidate) -> Candidate:
