@@ -43,14 +43,14 @@ html_show_sourcelink = False
 html_copy_source = False
 
 
-# links that are right in the repository, and their page of the book
+# pages of the book that show Markdown outside of this folder; other such files are downloads
 PAGES = {"../urdf/README.md": "first-machines.md"}
+OUTSIDE = re.compile(r"\]\((\.\./[^)#]+\.md)\)")
 
 
-def _link_pages(app: Any, name: str, text: list[str]) -> None:
-    """Lead links out of this folder to the pages that show the same."""
-    for link, page in PAGES.items():
-        text[0] = text[0].replace(f"]({link})", f"]({page})")
+def _link_outside(app: Any, name: str, text: list[str]) -> None:
+    """Lead links to Markdown outside of this folder to pages and files."""
+    text[0] = OUTSIDE.sub(lambda found: f"]({PAGES.get(found[1], f'path:{found[1]}')})", text[0])
 
 
 def _keep_bars(app: Any, what: str, name: str, it: Any, options: Any, lines: list[str]) -> None:
@@ -94,7 +94,7 @@ def _write_math(writer: Any, node: Any, display: str) -> None:
 
 def setup(app: Any) -> None:
     """Register the writer of equations, and what makes text fit for Sphinx."""
-    app.connect("source-read", _link_pages)
+    app.connect("source-read", _link_outside)
     app.connect("autodoc-process-docstring", _keep_bars, priority=400)  # before napoleon's
     app.connect("autodoc-process-docstring", _keep_colons, priority=600)  # after napoleon's
     app.connect("autodoc-process-signature", _readable)
