@@ -43,7 +43,7 @@ docs: venv  ## the book, in out/docs; a warning is an error
 	$(BIN)/sphinx-build -q -W --keep-going -d out/doctrees docs out/docs
 	@echo "the book: out/docs/index.html"
 
-bench: venv  ## speed, robustness, comparisons with IPOPT and MuJoCo, printed as tables
+bench: venv  ## speed, robustness, comparisons with other planners and MuJoCo, printed as tables
 	$(BIN)/python -m benchmarks.speed
 	$(BIN)/python -m benchmarks.random_problems
 	$(BIN)/python -m benchmarks.driving_problems
@@ -56,6 +56,7 @@ bench: venv  ## speed, robustness, comparisons with IPOPT and MuJoCo, printed as
 	$(BIN)/python -m benchmarks.memory
 	$(BIN)/python -m benchmarks.many
 	$(BIN)/python -m benchmarks.peer_ipopt
+	$(BIN)/python -m benchmarks.peers
 	$(BIN)/python -m benchmarks.replay
 
 clean:  ## remove the virtual environment and everything made by these targets

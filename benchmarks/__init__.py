@@ -9,6 +9,7 @@
 `recorded`            whether a change of the code changes any result
 `memory`              whether many plans leave the memory flat
 `peer_ipopt`          the same problems solved by CasADi and IPOPT
+`peers`               IPOPT and fatrop, interpreted and compiled, Drake and TOPP-RA, side by side
 `replay`              verdicts of the certificate against MuJoCo
 `paper`               Song & Sharf 2020 beside our numbers, and the tables of docs/paper.md
 ====================  ==============================================================================

@@ -48,7 +48,13 @@ __all__ = [
 T = TypeVar("T")
 Row = dict[str, Any]  # result of one problem, by column
 
-PEERS = ("clarabel", "casadi", "mujoco")  # packages that only benchmarks compare with
+PEERS = (
+    "clarabel",
+    "casadi",
+    "drake",
+    "mujoco",
+    "toppra",
+)  # packages that only benchmarks compare with
 EVALUATIONS = 100  # calls in one F: both ends of 50 intervals
 QUANTILES = (
     ("min", 0),

@@ -7,6 +7,7 @@ them shows up as a disagreement.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -80,12 +81,20 @@ def read_bodies(urdf: Path) -> list[Body]:
     return bodies
 
 
-def wrench_function(scene: Scene) -> ca.Function:
+def wrench_function(
+    scene: Scene, *, driving: bool = False, options: Mapping[str, Any] | None = None
+) -> ca.Function:
     r"""Ground reaction wrench about the root origin, root axes.
 
     .. math:: f = \sum m_i (\ddot c_i - g), \quad
               \tau = \sum c_i \times m_i (\ddot c_i - g)
                       + I_i \dot\omega_i + \omega_i \times I_i \omega_i
+
+    Args:
+        scene: Machine and shape of the tree.
+        driving: The root drives in its plane: yaw and path length follow the joints in q, v and a,
+            and gravity is in root axes where the yaw is zero.
+        options: Of the CasADi function.
 
     Returns:
         Function of q, v, a, gravity in root axes and the mass of the payload. The payload is where
@@ -93,7 +102,7 @@ def wrench_function(scene: Scene) -> ca.Function:
     """
     bodies = read_bodies(scene.urdf)
     moving = [body.joint for body in bodies if body.joint is not None]
-    q, v, a = (ca.SX.sym(name, len(moving)) for name in "qva")
+    q, v, a = (ca.SX.sym(name, len(moving) + 2 * driving) for name in "qva")
     gravity, load = ca.SX.sym("gravity", 3), ca.SX.sym("load")
     force, moment = ca.SX.zeros(3), ca.SX.zeros(3)
     frames: dict[str, Frame] = {}
@@ -101,6 +110,8 @@ def wrench_function(scene: Scene) -> ca.Function:
         if body.parent is None:
             zero = ca.SX.zeros(3)
             frame = ca.SX.eye(3), zero, zero, zero, -gravity
+            if driving:
+                frame = _driving_root(q[-2], v[-2:], a[-2:], gravity)
         else:
             i = None if body.joint is None else moving.index(body.joint)
             joint = None if i is None else (q[i], v[i], a[i])
@@ -119,7 +130,24 @@ def wrench_function(scene: Scene) -> ca.Function:
             moment += (
                 ca.cross(origin + arm, push) + turned @ omega_rate + ca.cross(omega, turned @ omega)
             )
-    return ca.Function("wrench", [q, v, a, gravity, load], [ca.vertcat(force, moment)])
+    outputs = [ca.vertcat(force, moment)]
+    return ca.Function("wrench", [q, v, a, gravity, load], outputs, dict(options or {}))
+
+
+def _driving_root(yaw: Any, rates: Any, accelerations: Any, gravity: Any) -> Frame:
+    """Motion of a root that drives ahead along its x axis, in its own axes.
+
+    Args:
+        yaw: [rad].
+        rates: Yaw rate and speed.
+        accelerations: Of yaw and path length.
+        gravity: In root axes where the yaw is zero.
+    """
+    zero, c, s = ca.SX.zeros(3), ca.cos(yaw), ca.sin(yaw)
+    turned = ca.vertcat(c * gravity[0] + s * gravity[1], c * gravity[1] - s * gravity[0])
+    acceleration = ca.vertcat(accelerations[1], rates[0] * rates[1], 0.0)
+    about_z = [ca.vertcat(0.0, 0.0, value) for value in (rates[0], accelerations[0])]
+    return ca.SX.eye(3), zero, *about_z, acceleration - ca.vertcat(turned, gravity[2])
 
 
 def _link_frame(parent: Frame, body: Body, joint: tuple[Any, Any, Any] | None) -> Frame:

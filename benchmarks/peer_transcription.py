@@ -13,7 +13,18 @@ from benchmarks.harness import timed
 from benchmarks.peer_dynamics import wrench_function
 from benchmarks.problems.scene import GRAVITY, NamedProblem, Scene
 
-__all__ = ["Peer", "PeerAnswer", "PeerMotion", "by_way_of"]
+__all__ = [
+    "COMPILED",
+    "ONE_JACOBIAN",
+    "SETTINGS",
+    "Peer",
+    "PeerAnswer",
+    "PeerMotion",
+    "bare_mass",
+    "by_way_of",
+    "edges_outward",
+    "stage_function",
+]
 
 Array = np.ndarray
 LEAST_NORMAL_FORCE = 0.05  # share of the weight, the planner's too
@@ -25,6 +36,14 @@ SETTINGS = {
     "print_level": 0,
     "sb": "yes",
 }
+COMPILED = {  # options of a program that CasADi writes as C code and hands to gcc
+    "expand": False,
+    "jit": True,
+    "compiler": "shell",
+    "jit_options": {"compiler": "gcc", "flags": ["-O1"], "verbose": False},
+}
+# a function whose directional derivatives are products with its Jacobian: a third less C code
+ONE_JACOBIAN = {"jac_penalty": 0, "der_options": {"jac_penalty": 0}}
 
 
 @dataclass(frozen=True)
@@ -37,6 +56,10 @@ class PeerMotion:
     duration: float  # [s]
 
     def trajectory(self, machine: zs.Machine) -> zs.Trajectory:
+        """The motion of a machine's joints by `integrated`."""
+        return self.integrated(machine.joint_names)
+
+    def integrated(self, names: tuple[str, ...]) -> zs.Trajectory:
         """The motion that follows from first node, accelerations and duration by integration.
 
         The other nodes are not used, so that checks of the trajectory do not rely on them.
@@ -46,9 +69,8 @@ class PeerMotion:
         q = self.q[0] + np.vstack(
             [0.0 * self.q[:1], np.cumsum(h * v[:-1] + 0.5 * h**2 * self.a, axis=0)]
         )
-        return zs.Trajectory(
-            machine.joint_names, np.linspace(0.0, self.duration, len(self.a) + 1), q, v, self.a
-        )
+        times = np.linspace(0.0, self.duration, len(self.a) + 1)
+        return zs.Trajectory(names, times, q, v, self.a)
 
 
 @dataclass(frozen=True)
@@ -78,7 +100,14 @@ class Peer:
     """
 
     def __init__(
-        self, scene: Scene, *, intervals: int = 50, seconds: float = 60.0, expand: bool = True
+        self,
+        scene: Scene,
+        *,
+        intervals: int = 50,
+        seconds: float = 60.0,
+        expand: bool = True,
+        compiled: bool = False,
+        tolerance: float = 1e-8,
     ) -> None:
         """Build the program.
 
@@ -89,18 +118,26 @@ class Peer:
             seconds: Most processor time of a solve [s].
             expand: Expand the program into scalar operations. Building it then takes ten seconds
                 instead of one, a solve half the time.
+            compiled: Generate C code and compile it; `expand` is not used then.
+            tolerance: IPOPT's, a tenth of it for constraints.
         """
         machine = scene.load()
         self.N, self.n = intervals, machine.size
         self._lower = np.array(machine.limits.position_lower)
         self._upper = np.array(machine.limits.position_upper)
-        wrench = wrench_function(scene)
-        own_mass = machine.mass - (scene.tree.mass if scene.tree else 0.0)
-        stage = _stage(wrench, own_mass, scene, self.n)
+        wrench = wrench_function(scene, options=ONE_JACOBIAN if compiled else {})
+        stage = stage_function(
+            wrench, bare_mass(scene, machine), scene, self.n, symbol=ca.MX if compiled else ca.SX
+        )
         options = {
-            "ipopt": {**SETTINGS, "max_cpu_time": seconds},
+            "ipopt": {
+                **SETTINGS,
+                "tol": tolerance,
+                "constr_viol_tol": 0.1 * tolerance,
+                "max_cpu_time": seconds,
+            },
             "print_time": False,
-            "expand": expand,
+            **(COMPILED if compiled else {"expand": expand}),
         }
         self._solver = ca.nlpsol("peer", "ipopt", self._program(stage, machine.limits), options)
 
@@ -171,7 +208,22 @@ class Peer:
         )
 
 
-def _stage(wrench: ca.Function, mass: float, scene: Scene, n: int) -> ca.Function:
+def bare_mass(scene: Scene, machine: zs.Machine) -> float:
+    """Mass of a scene's machine without its payload [kg]."""
+    return machine.mass - (scene.tree.mass if scene.tree else 0.0)
+
+
+def edges_outward(scene: Scene) -> tuple[Array, Array]:
+    """Unit normals of the support polygon's edges, outward (E, 2), and their offsets (E,) [m]."""
+    corners = np.array(scene.vertices)
+    edges = np.roll(corners, -1, axis=0) - corners
+    outward = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
+    return outward, np.einsum("ij,ij->i", outward, corners)
+
+
+def stage_function(
+    wrench: ca.Function, mass: float, scene: Scene, n: int, *, symbol: Any = ca.SX
+) -> ca.Function:
     """Wrench rows of one interval from the state at its start; they hold where not positive.
 
     Tilting moments about the edges and the least normal force, divided by the weight [m, -], at
@@ -182,17 +234,16 @@ def _stage(wrench: ca.Function, mass: float, scene: Scene, n: int) -> ca.Functio
         mass: Of the machine without payload [kg].
         scene: Support polygon.
         n: Number of joints.
+        symbol: CasADi's type of scalar expressions (SX), or of those that call the ground reaction
+            as a function (MX), so that C code contains it once.
     """
-    q, w, u = (ca.SX.sym(name, n) for name in "qwu")
-    sigma, h, load = (ca.SX.sym(name) for name in ("sigma", "h", "load"))
-    gravity = ca.SX.sym("gravity", 3)
-    corners = np.array(scene.vertices)
-    edges = np.roll(corners, -1, axis=0) - corners
-    outward = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
-    offsets = np.einsum("ij,ij->i", outward, corners)
+    q, w, u = (symbol.sym(name, n) for name in "qwu")
+    sigma, h, load = (symbol.sym(name) for name in ("sigma", "h", "load"))
+    gravity = symbol.sym("gravity", 3)
+    outward, offsets = edges_outward(scene)
     weight = (mass + load) * GRAVITY
 
-    def rows(s: float) -> ca.SX:
+    def rows(s: float) -> Any:
         position, rate = q + s * h * w + 0.5 * (s * h) ** 2 * u, w + s * h * u
         f = wrench(position, rate, u, sigma * gravity, load)
         tilting = outward[:, 0] * -f[4] + outward[:, 1] * f[3] - offsets * f[2]

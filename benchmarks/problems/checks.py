@@ -63,14 +63,23 @@ class Oracle:
     def zmp(self, q: Array, v: Array, a: Array) -> Array:
         """ZMP on the plane z = 0 from inverse dynamics, shape (K, 2) [m].
 
-        NaN where the ground would have to pull.
+        NaN where the ground would have to pull. Where there are two more coordinates than joints,
+        the root drives ahead along its x axis, and the last two are its yaw and its path length.
         """
-        root, zero = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0]), np.zeros(6)
+        joints = self.model.nv - 6
         points = []
         for one_q, one_v, one_a in zip(q, v, a, strict=True):
-            full = [
-                np.concatenate(parts) for parts in ((root, one_q), (zero, one_v), (zero, one_a))
-            ]
+            root, rates, accelerations = np.zeros(7), np.zeros(6), np.zeros(6)
+            root[6] = 1.0
+            if len(one_q) > joints:
+                yaw = one_q[-2]
+                root[5:] = np.sin(0.5 * yaw), np.cos(0.5 * yaw)
+                rates[[5, 0]], accelerations[[5, 0]] = one_v[-2:], one_a[-2:]  # spatial, root axes
+            full = (
+                np.concatenate([root, one_q[:joints]]),
+                np.concatenate([rates, one_v[:joints]]),
+                np.concatenate([accelerations, one_a[:joints]]),
+            )
             _, _, fz, tx, ty, _ = pin.rnea(self.model, self.data, *full)[:6]
             points.append([-ty / fz, tx / fz] if fz > 0.0 else [np.nan, np.nan])
         return np.array(points)
