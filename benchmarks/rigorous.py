@@ -2,9 +2,9 @@
 
     python -m benchmarks.rigorous [--count 500] [--first 0] [--json FILE]
 
-As many plans as --count says, of hard and ordinary problems, drives and uncertain payloads in turn,
-and as many random motions of the shipped machines, standing and driving, quintics and uncertain
-payloads among them. Of each:
+As many plans as --count says, of hard and ordinary problems, drives on slopes and over heightmaps,
+and uncertain payloads in turn, and as many random motions of the shipped machines, standing and
+driving, quintics and uncertain payloads among them. Of each:
 
 - the certified margin is decided in ball arithmetic, and must not be refuted;
 - a margin 1e-6 m above the enclosure's upper bound must be refuted;
@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
@@ -40,6 +40,7 @@ from benchmarks.harness import (
 from benchmarks.problems.arm import HARD, ORDINARY, random_problem
 from benchmarks.problems.driving import random_driving_problem
 from benchmarks.problems.random_motions import RandomMotion, random_motion
+from benchmarks.problems.terrain import random_drive_problem
 from zmp_sqp.planning.proof.certificate import Certificate, certify_at
 from zmp_sqp.rigorous import RigorousCheck, Verdict
 
@@ -48,6 +49,13 @@ UNCERTAIN = {
     "payload_uncertainty": 0.1,
     "payload_com_uncertainty": 0.1,
 }
+KINDS: tuple[tuple[str, Callable[[int], zs.Problem]], ...] = (
+    ("hard", lambda seed: random_problem(seed, HARD).problem),
+    ("drive", lambda seed: random_driving_problem(seed).problem),
+    ("ordinary", lambda seed: random_problem(seed, ORDINARY).problem),
+    ("uncertain", lambda seed: random_problem(seed, ORDINARY, **UNCERTAIN).problem),
+    ("terrain", lambda seed: random_drive_problem(seed, over_terrain=True)),
+)
 BREAK, RAISE = 1e-6, 1e-3  # [m]
 ANY = -1e3  # [m] margin that every motion keeps that does not lift off
 COLUMNS = ("set", "seed", "corners", "intervals", "stretches", "seconds", "margin", "looseness")
@@ -57,21 +65,18 @@ BINS = (-np.inf, 0.0, 1e-8, 1e-7, 1e-6, 1e-5, 1e-4, 1e-3, np.inf)  # [m] of the 
 
 def planned(seed: int) -> RandomMotion | None:
     """Plan of a seed with all that it is checked for; None if there is none."""
-    kind = ("hard", "drive", "ordinary", "uncertain")[seed % 4]
+    number, kind = divmod(seed, len(KINDS))
     try:
-        if kind == "drive":
-            problem = random_driving_problem(seed // 4).problem
-        elif kind == "uncertain":
-            problem = random_problem(seed // 4, ORDINARY, **UNCERTAIN).problem
-        else:
-            problem = random_problem(seed // 4, HARD if kind == "hard" else ORDINARY).problem
+        problem = KINDS[kind][1](number)
     except zs.ProblemError:  # tips over at rest for one of the uncertain payloads
         return None
     plan = zs.plan(problem)
     if not plan.success:
         return None
     every, ground = problem.corners(every=True), problem.ground
-    return RandomMotion(f"plan {kind}", problem.machine, plan.trajectory, ground, every, ())
+    return RandomMotion(
+        f"plan {KINDS[kind][0]}", problem.machine, plan.trajectory, ground, every, ()
+    )
 
 
 def motions(count: int, first: int) -> Iterator[tuple[int, RandomMotion]]:

@@ -23,6 +23,8 @@ from zmp_sqp.rigorous import Verdict
 from zmp_sqp.rigorous.balls import above, below, flint_module, least_of, working
 from zmp_sqp.rigorous.base_path import displacement
 from zmp_sqp.rigorous.motion_series import MotionSeries
+from zmp_sqp.rigorous.spline_cells import SplineCells
+from zmp_sqp.rigorous.terrain_root import TerrainRoot
 from zmp_sqp.scenario import load_scenario
 
 pytest.importorskip("flint", reason="needs python-flint (extra proof)")
@@ -298,18 +300,95 @@ def test_a_drive_is_confirmed_with_its_bounds_start_and_goal():
     ]
 
 
-def test_terrain_and_a_users_own_rows_are_not_called_confirmed():
-    problem = load_scenario("terrain").problem
-    plan = zs.plan(problem)
+def test_a_users_own_rows_are_not_looked_at():
+    motion = random_motion(0)
     own = zs.PathRows("own", lambda machine, q, v, a: (-np.ones((len(q), 1)), np.zeros(0)))
-    found = zs.check_rigorously(
-        problem.machine, plan.trajectory, problem.ground, base=problem.base, constraints=[own]
-    )
-    assert found["tip_over"].verdict is Verdict.UNDECIDED
-    assert "heightmap" in found["tip_over"].reason
+    found = zs.check_rigorously(motion.machine, motion.trajectory, motion.ground, constraints=[own])
     assert found["own"].verdict is Verdict.NOT_CHECKED
-    assert not found.confirmed
-    assert not found.refuted
+
+
+@pytest.fixture(scope="module")
+def bumpy() -> tuple[zs.Problem, zs.Trajectory]:
+    """A drive over a heightmap, whose support is off the root's origin."""
+    problem = load_scenario("terrain").problem
+    support = problem.machine.support
+    lifted = zs.SupportPolygon(support.vertices, height=-0.2)
+    machine = problem.machine.with_support(lifted)
+    return problem, zs.plan(replace(problem, machine=machine, intervals=15)).trajectory
+
+
+def test_the_spline_of_a_heightmap_is_met_on_all_cells(bumpy):
+    ground, rng = bumpy[0].ground, np.random.default_rng(3)
+    low, high = ground.extent
+    with working(4) as flint:
+        cells = SplineCells(flint, ground)
+        for x, y in rng.uniform(low, high, (60, 2)):
+            (cell,) = cells.over(flint.arb(x), flint.arb(y))
+            found = cells.gradient(cell, flint.arb(x), flint.arb(y))
+            expected = ground._surface.derivatives(np.array([x]), np.array([y]))[0]
+            assert abs(float(found[0].mid()) - expected[1, 0]) < 1e-12
+            assert abs(float(found[1].mid()) - expected[0, 1]) < 1e-12
+        wide = cells.over(flint.arb(0, 0.6), flint.arb(0, 0.1))
+        assert len(wide) > 1
+
+
+def test_the_path_over_a_heightmap_is_that_of_the_motion(bumpy):
+    problem, trajectory = bumpy
+    base, h = trajectory.base, np.diff(trajectory.times)
+    with working(20) as flint:
+        motion = MotionSeries(flint, trajectory)
+        root = TerrainRoot(flint, motion, base, problem.ground, flint.arb(0))
+        for k in (0, 4, 9, 14):
+            for share in (0.25, 0.5, 1.0):
+                found = root.position(k, share)
+                pose, *_ = base.state_in(np.array([k]), np.array([share * h[k]]))
+                for axis in (0, 1):
+                    assert abs(float(found[axis].mid()) - pose[0, axis]) < 1e-8
+                    assert float(found[axis].rad()) < 1e-6
+
+
+def test_a_drive_over_a_heightmap_is_decided(bumpy):
+    problem, trajectory = bumpy
+    x = trajectory.base(np.linspace(0.0, trajectory.duration, 2001))[0][:, 0]
+    base = replace(problem.base, x_bounds=(x.min() - 1e-3, x.max() + 1e-3))
+    height = -0.2
+    support = zs.SupportPolygon(problem.machine.support.vertices, height=height)
+    machine = problem.machine.with_support(support)
+    t, *_ = trajectory.within(np.linspace(0.0, 1.0, 100))
+    points = zs.trajectory_zmp(machine, trajectory, t, problem.ground)
+    sampled = float(support.signed_distance(points).min())
+    certified = zs.certify(machine, trajectory, problem.ground, base=problem.base)
+    found = zs.check_rigorously(machine, trajectory, problem.ground, certified.margin, base=base)
+    tip = found["tip_over"]
+    assert tip.verdict is Verdict.CONFIRMED
+    assert tip.lower <= sampled + DIGITS
+    assert tip.upper - 2e-6 <= sampled
+    assert found["continuity"].verdict is Verdict.CONFIRMED
+    bound = next(one for one in found.guarantees if one.label == "x_bounds")
+    assert bound.verdict is Verdict.CONFIRMED
+    broken = zs.check_rigorously(machine, trajectory, problem.ground, sampled + 4e-6)
+    assert broken["tip_over"].verdict is Verdict.REFUTED
+
+
+def test_a_map_of_a_plane_is_the_plane():
+    """A drive straight down the fall line is the same motion in both coordinates."""
+    pitch = 0.12
+    x = np.tile(np.linspace(-3.0, 9.0, 25), (13, 1))
+    ground = zs.Heightmap(-np.tan(pitch) * x, 0.5, (-3.0, -3.0))
+    machine = zs.load_machine("feller_buncher")
+    times, v = np.array([0.0, 0.4, 0.8]), np.array([[0.0, 0.0], [0.6, 0.0], [0.0, 0.0]])
+    controls = np.array([[1.5, 0.0], [-1.5, 0.0]]), np.zeros((2, 2))
+    q = np.tile([0.4, -0.8, -2.0, 0.7, 0.0], (3, 1))
+    still, least = np.zeros((2, 5)), []
+    for plane in (ground, zs.Slope(pitch=pitch)):
+        base = UnicycleMotion.from_start(times, np.zeros(3), v, np.zeros(3), controls, plane)
+        motion = zs.Trajectory(
+            machine.joint_names, times, q, np.zeros((3, 5)), still, still, base=base
+        )
+        least.append(zs.check_rigorously(machine, motion, plane)["tip_over"])
+    assert least[0].lower - 1e-9 <= least[1].upper
+    assert least[1].lower - 1e-9 <= least[0].upper
+    assert least[0].verdict is Verdict.CONFIRMED
 
 
 def test_without_flint_the_message_says_what_to_install(monkeypatch: pytest.MonkeyPatch):

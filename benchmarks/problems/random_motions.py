@@ -37,7 +37,7 @@ class RandomMotion:
     kind: str
     machine: zs.Machine
     trajectory: zs.Trajectory
-    ground: zs.Slope
+    ground: zs.Ground
     corners: tuple[Corner, ...]
     constraints: tuple[zs.PathConstraint, ...]
 

@@ -9,11 +9,12 @@ import numpy as np
 
 from zmp_sqp.motion.unicycle_motion import UnicycleMotion
 from zmp_sqp.planning.problem.unicycle_base import UnicycleBase
-from zmp_sqp.rigorous.balls import ORDER, above, below, least_of
-from zmp_sqp.rigorous.base_path import displacement, velocity_series
+from zmp_sqp.rigorous.balls import above, below, least_of
 from zmp_sqp.rigorous.decide import Bound
 from zmp_sqp.rigorous.limits_in_balls import TOLERANCE, LimitRow
 from zmp_sqp.rigorous.motion_series import MotionSeries, Stretch
+from zmp_sqp.rigorous.root_series import PlaneRoot
+from zmp_sqp.rigorous.terrain_root import TerrainRoot
 
 __all__ = ["BOUNDS_TOLERANCE", "PathBounds", "base_ends", "base_limits"]
 
@@ -37,13 +38,13 @@ def base_limits(base: UnicycleBase) -> list[LimitRow]:
 
 
 class PathBounds:
-    """Bounds on the room of a base's path in a plane to its bounds on x and y, as one guarantee."""
+    """Bounds on the room of a base's path to its bounds on x and y, as one guarantee."""
 
     def __init__(
-        self, flint: Any, base: UnicycleBase, path: UnicycleMotion, motion: MotionSeries
+        self, flint: Any, base: UnicycleBase, root: PlaneRoot | TerrainRoot, motion: MotionSeries
     ) -> None:
-        """Bounds of a base, of which at least one is finite."""
-        self._flint, self._path, self._motion = flint, path, motion
+        """Bounds of a base; it may have none (`rows` is empty then)."""
+        self._flint, self._root, self._motion = flint, root, motion
         lower, upper = base.position_bounds
         self.rows = [
             (axis, sign, float(bound))
@@ -55,25 +56,23 @@ class PathBounds:
 
     def __call__(self, stretch: Stretch) -> list[Bound]:
         """Bound of the guarantee on a stretch."""
-        flint, motion, k = self._flint, self._motion, stretch.interval
+        flint, motion = self._flint, self._motion
         middle, radius = motion.centre(stretch)
-        ball = middle + radius * flint.arb(0, 1)
-        there = displacement(flint, motion, k, 0.5 * (stretch.start + stretch.end))
-        thin = velocity_series(motion, k, middle, ORDER - 1)
-        thick = velocity_series(motion, k, ball, ORDER)
+        path = self._root.path_on(stretch, middle, middle + radius * flint.arb(0, 1), radius)
+        time = motion.time(stretch, 0.5)
+        if path is None:
+            return [Bound(-inf, inf, inf, time, 0)]
         rows, rests, values = [], [], []
         for axis, sign, bound in self.rows:
-            place = flint.arb(float(self._path.poses[k, axis])) + there[axis]
-            terms = [place, *(thin[axis][m] / (m + 1) for m in range(ORDER - 1))]
-            room = [-sign * x for x in terms]
+            room = [-sign * x for x in path.rows[axis]]
             room[0] = sign * flint.arb(bound) + room[0]
             rows.append(room)
-            rests.append(below(-sign * thick[axis][ORDER - 1] / ORDER * radius**ORDER))
+            rests.append(below(-sign * path.rests[axis] * radius ** len(room)))
             values.append(above(room[0]))
         least = least_of(flint, rows, radius) + np.minimum(rests, 0.0)
         lower = float(np.nextafter(least.min(), -inf))
         at = int(np.argmin(values))
-        return [Bound(lower, values[at], values[at], motion.time(stretch, 0.5), at)]
+        return [Bound(lower, values[at], values[at], time, at)]
 
 
 def base_ends(flint: Any, base: UnicycleBase, path: UnicycleMotion) -> list[tuple[str, str, Bound]]:

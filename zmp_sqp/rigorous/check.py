@@ -13,6 +13,7 @@ from zmp_sqp.errors import GIVE_SUPPORT, MachineError, ProblemError, TrajectoryE
 from zmp_sqp.mechanics.coordinates import Coordinates
 from zmp_sqp.mechanics.ground import Ground, Slope
 from zmp_sqp.mechanics.machine import Machine
+from zmp_sqp.mechanics.terrain.heightmap import Heightmap
 from zmp_sqp.mechanics.uncertainty import Corner
 from zmp_sqp.motion.trajectory import Trajectory
 from zmp_sqp.planning.constraints.protocol import PathConstraint
@@ -36,16 +37,15 @@ from zmp_sqp.rigorous.limits_in_balls import (
     with_allowance,
 )
 from zmp_sqp.rigorous.motion_series import MotionSeries, Stretch
+from zmp_sqp.rigorous.root_series import PlaneRoot
+from zmp_sqp.rigorous.terrain_root import TerrainRoot
 from zmp_sqp.rigorous.verdict import RigorousCheck, RigorousGuarantee, Verdict
 
 __all__ = ["check_rigorously"]
 
 RESOLUTION = 1e-6  # [m] width of the enclosure of the least margin
 LONGEST = max(ORDER + 3, PATH_ORDER + 1)  # largest number of coefficients of a series
-NO_TERRAIN = (
-    "the base drives over a heightmap, whose path is no closed integral: only motions on a plane "
-    "are decided in ball arithmetic"
-)
+NO_GROUND = "the base drives over ground that is neither a Slope nor a Heightmap"
 NOT_KNOWN = "ball arithmetic knows tip-over, contact, torque limits, and limits of joints and base"
 
 
@@ -75,7 +75,7 @@ def check_rigorously(
 
     Args:
         machine: Machine with a support polygon.
-        trajectory: Motion of the machine; its base stands, or drives on a `Slope`.
+        trajectory: Motion of the machine; its base stands, or drives on a Slope or a Heightmap.
         ground: Ground that the machine stands or drives on.
         margin: Required distance from the zero moment point to every edge [m].
         base: Limits, bounds, start and goal of a base that drives; None checks none of them.
@@ -98,15 +98,15 @@ def check_rigorously(
     stretches = [Stretch(k, 0.0, 1.0) for k in range(trajectory.intervals)]
     with working(LONGEST) as flint:
         motion = MotionSeries(flint, trajectory)
-        found, count = _efforts(flint, every, trajectory, motion, torque, margin, stretches)
+        root = _root(flint, every[0], trajectory, motion)
+        found, count = _efforts(flint, every, trajectory, motion, root, torque, margin, stretches)
         rows = with_allowance(joint_limits(machine), limit_allowance)
         limits = PolynomialLimits(flint, motion, motion.joints, rows)
         found.append(_limits("joint_limits", limits, stretches))
-        plane = trajectory.base is None or isinstance(every[0].ground, Slope)
         if base is not None:
-            found += _base(flint, base, trajectory, motion, stretches, plane=plane)
-        if plane:
-            found.append(_continuity(flint, trajectory, motion))
+            found += _base(flint, base, trajectory, motion, root, stretches)
+        if root is not None:
+            found.append(_continuity(flint, trajectory, motion, root))
     found += [_unseen(one.name, "", NOT_KNOWN) for one in others]
     return RigorousCheck(tuple(found), count)
 
@@ -132,11 +132,25 @@ def _check(machine: Any, trajectory: Any, ground: Any) -> None:
         )
 
 
+def _root(
+    flint: Any, corner: Corner, trajectory: Trajectory, motion: MotionSeries
+) -> PlaneRoot | TerrainRoot | None:
+    """Motion of the root; None for a base that drives over ground of an unknown kind."""
+    base = trajectory.base
+    if base is None or isinstance(corner.ground, Slope):
+        return PlaneRoot(flint, motion, base)
+    if isinstance(corner.ground, Heightmap):
+        height = flint.arb(corner.machine.support.height)  # type: ignore[union-attr]
+        return TerrainRoot(flint, motion, base, corner.ground, height)
+    return None
+
+
 def _efforts(
     flint: Any,
     corners: Sequence[Corner],
     trajectory: Trajectory,
     motion: MotionSeries,
+    root: PlaneRoot | TerrainRoot | None,
     torque: TorqueLimits | None,
     margin: float,
     stretches: Sequence[Stretch],
@@ -144,9 +158,9 @@ def _efforts(
     """Guarantees of tip-over, contact and torque limits, and the number of stretches."""
     machine = corners[0].machine
     names = ["tip_over", "contact"] + (["torque_limits"] if torque is not None else [])
-    if trajectory.base is not None and not isinstance(corners[0].ground, Slope):
+    if root is None:
         return [
-            _undecided(name, margin if name == "tip_over" else 0.0, NO_TERRAIN) for name in names
+            _undecided(name, margin if name == "tip_over" else 0.0, NO_GROUND) for name in names
         ], 0
     torques = None
     asked = [Asked(margin, RESOLUTION), Asked(0.0)]
@@ -162,7 +176,7 @@ def _efforts(
         pairs = zip(machine.joint_names, kinds, strict=True)
         labels.append([f"{joint} {kind}" for joint, kind in pairs] * 2)
         units.append(["of the limit"] * len(labels[-1]))
-    evaluate = EffortBalls(flint, corners, trajectory, motion, torques)
+    evaluate = EffortBalls(flint, corners, trajectory, motion, root, torques)
     least, count = decide(stretches, evaluate, asked)
     found = [
         _guarantee(
@@ -191,9 +205,8 @@ def _base(
     base: UnicycleBase,
     trajectory: Trajectory,
     motion: MotionSeries,
+    root: PlaneRoot | TerrainRoot | None,
     stretches: Sequence[Stretch],
-    *,
-    plane: bool,
 ) -> list[RigorousGuarantee]:
     """Guarantees of a base's limits, bounds on x and y, start and goal."""
     if trajectory.base is None:
@@ -206,20 +219,23 @@ def _base(
     for label, unit, end in base_ends(flint, base, trajectory.base):
         least = Enclosure(end.lower, end.upper, end.time, 0, 0)
         found.append(_guarantee("base", label, unit, 0.0, least))
-    bounds = PathBounds(flint, base, trajectory.base, motion)
-    if not bounds.rows:
+    lower, upper = base.position_bounds
+    if not (np.isfinite(lower).any() or np.isfinite(upper).any()):
         return found
-    if not plane:
-        return [*found, _undecided("base", -BOUNDS_TOLERANCE, NO_TERRAIN, label="x and y bounds")]
+    if root is None:
+        return [*found, _undecided("base", -BOUNDS_TOLERANCE, NO_GROUND, label="x and y bounds")]
+    bounds = PathBounds(flint, base, root, motion)
     asked = Asked(-BOUNDS_TOLERANCE)
     (least,), _ = decide(stretches, bounds, [asked])
     label = bounds.labels[least.row]
     return [*found, _guarantee("base", label, "m", asked.required, least)]
 
 
-def _continuity(flint: Any, trajectory: Trajectory, motion: MotionSeries) -> RigorousGuarantee:
+def _continuity(
+    flint: Any, trajectory: Trajectory, motion: MotionSeries, root: PlaneRoot | TerrainRoot
+) -> RigorousGuarantee:
     """Guarantee that positions and rates hardly jump at the nodes."""
-    bound, labels = largest_jumps(flint, trajectory, motion)
+    bound, labels = largest_jumps(flint, trajectory, motion, root)
     least = Enclosure(bound.lower, bound.upper, bound.time, bound.row, 0)
     return _guarantee("continuity", labels[bound.row], "", 0.0, least)
 

@@ -12,12 +12,12 @@ import numpy as np
 from zmp_sqp.arrays import Array
 from zmp_sqp.mechanics.ground import GRAVITY, Ground, Slope
 from zmp_sqp.mechanics.machine import Machine
+from zmp_sqp.mechanics.terrain.heightmap import Heightmap
 from zmp_sqp.mechanics.uncertainty import Corner
 from zmp_sqp.motion.trajectory import Trajectory
-from zmp_sqp.rigorous.balls import ORDER, above, below, bernstein
+from zmp_sqp.rigorous.balls import above, below, bernstein
 from zmp_sqp.rigorous.decide import Bound
 from zmp_sqp.rigorous.link_series import (
-    NONE,
     LinkSeries,
     Momenta,
     joint_constants,
@@ -26,6 +26,7 @@ from zmp_sqp.rigorous.link_series import (
 )
 from zmp_sqp.rigorous.machine_numbers import Body, bodies_of, joints_of, payload_link
 from zmp_sqp.rigorous.motion_series import MotionSeries, Stretch
+from zmp_sqp.rigorous.root_series import PlaneRoot, Root
 from zmp_sqp.rigorous.series_algebra import (
     Scalar,
     Vector,
@@ -38,6 +39,7 @@ from zmp_sqp.rigorous.series_algebra import (
     vector_derivative,
     vector_sum,
 )
+from zmp_sqp.rigorous.terrain_root import TerrainRoot
 
 __all__ = ["EffortBalls"]
 
@@ -67,6 +69,7 @@ class EffortBalls:
         corners: Sequence[Corner],
         trajectory: Trajectory,
         motion: MotionSeries,
+        root: PlaneRoot | TerrainRoot,
         torques: Array | None,
     ) -> None:
         """Read machine and corners as plain numbers.
@@ -74,22 +77,24 @@ class EffortBalls:
         Args:
             flint: Module.
             corners: At least one; all machines have the same joints and support.
-            trajectory: Its base stands or drives in a plane.
+            trajectory: The motion.
             motion: Its polynomials.
+            root: Motion of its root.
             torques: Largest efforts of the planned joints, shape (n,); None if there are none.
         """
         machine = corners[0].machine
         self._flint, self._motion = flint, motion
         self._joints = joint_constants(flint, joints_of(machine))
-        self._drives = trajectory.base is not None
         self._size = machine.size
         self._torques = None if torques is None else [flint.arb(float(x)) for x in torques]
         self._bodies = [bodies_of(flint, corner.machine) for corner in corners]
-        self._gravities = [_gravity(flint, corner.ground) for corner in corners]
+        drives = trajectory.base is not None
+        self._gravities = [_gravity(flint, corner.ground, drives=drives) for corner in corners]
         self._spreads = [flint.arb(corner.spread) for corner in corners]
         self._carrier = payload_link(machine)
         self._edges = _edges(flint, machine)
         self._height = flint.arb(machine.support.height)  # type: ignore[union-attr]
+        self._root = root
         turning = [0.0] * machine.size
         for one in self._joints:
             if not one.joint.slides:
@@ -101,29 +106,57 @@ class EffortBalls:
         flint = self._flint
         middle, radius = self._motion.centre(stretch)
         ball = middle + radius * flint.arb(0, 1)
-        thin, _ = self._corners_at(stretch.interval, middle, ORDER)
-        thick, spreads = self._corners_at(stretch.interval, ball, ORDER + 1)
+        root = self._root.on(stretch, middle, ball, radius)
+        if not root.thin or not root.thick:
+            number = 2 if self._torques is None else 3
+            return [Bound(-inf, inf, inf, self._motion.time(stretch, 0.5), 0)] * number
+        k, order = stretch.interval, root.order
+        thin, _ = self._united(k, middle, root.thin, range(order))
+        thick, spreads = self._united(k, ball, root.thick, (order,))
         found: list[Bound] = []
-        for number, (one, other, off) in enumerate(zip(thin, thick, spreads, strict=True)):
-            bounds = self._bounds(stretch, one, other, off, radius, number)
+        for number, (rows, rests, off) in enumerate(zip(thin, thick, spreads, strict=True)):
+            bounds = self._bounds(stretch, rows, [x for (x,) in rests], off, radius, number)
             found = (
                 bounds if not found else [_worse(a, b) for a, b in zip(found, bounds, strict=True)]
             )
         return found
 
-    def _corners_at(self, k: int, point: Any, length: int) -> tuple[list[_Quantities], list[Any]]:
+    def _united(
+        self, k: int, point: Any, roots: Sequence[Root], orders: Sequence[int]
+    ) -> tuple[list[list[list[Any]]], list[Any]]:
+        """Coefficients of some orders of all quantities at all corners, and missed moments.
+
+        They contain those that any of the roots gives.
+        """
+        flint, united = self._flint, None
+        for root in roots:
+            quantities, missed = self._corners_at(k, point, orders[-1] + 1, root)
+            rows = [
+                [[_coefficient(flint, x, m) for m in orders] for x in _series_of(one)]
+                for one in quantities
+            ]
+            if united is None:
+                united = rows, missed
+                continue
+            united = (
+                [
+                    [
+                        [a.union(b) for a, b in zip(*row, strict=True)]
+                        for row in zip(*one, strict=True)
+                    ]
+                    for one in zip(united[0], rows, strict=True)
+                ],
+                [a.union(b) for a, b in zip(united[1], missed, strict=True)],
+            )
+        return united if united is not None else ([], [])
+
+    def _corners_at(
+        self, k: int, point: Any, length: int, root: Root
+    ) -> tuple[list[_Quantities], list[Any]]:
         """Series of all corners about a ball of times, and bounds on their missed moments."""
         flint, motion = self._flint, self._motion
-        longer = length + 2  # two derivatives are taken
-        q = [motion.at(one, point, longer) for one in motion.joints[k]]
-        yaw: Scalar = 0
-        velocity: Vector = NONE
-        if self._drives:
-            yaw = motion.at(motion.yaw[k], point, longer)
-            speed = motion.at(motion.speed[k], point, longer)
-            sin, cos = yaw.sin_cos()
-            velocity = (speed * cos, speed * sin, 0)
-        links = link_series(self._joints, q, yaw)
+        q = [motion.at(one, point, length + 2) for one in motion.joints[k]]  # differentiated twice
+        links = link_series(self._joints, q, root)
         cache: dict[tuple[int, tuple[float, ...]], Momenta] = {}
         quantities, missed = [], []
         spinning = self._spread(links[self._carrier])
@@ -131,7 +164,7 @@ class EffortBalls:
             self._bodies, self._gravities, self._spreads, strict=True
         ):
             parts = [
-                self._part(i, links[i], body, velocity, cache) for i, body in enumerate(bodies)
+                self._part(i, links[i], body, root.velocity, cache) for i, body in enumerate(bodies)
             ]
             quantities.append(self._quantities(links, parts, gravity))
             missed.append(spread * spinning if spread > 0 else flint.arb(0))
@@ -190,23 +223,30 @@ class EffortBalls:
     def _bounds(
         self,
         stretch: Stretch,
-        thin: _Quantities,
-        thick: _Quantities,
+        rows: list[list[Any]],
+        rests: list[Any],
         off: Any,
         radius: Any,
         corner: int,
     ) -> list[Bound]:
-        """Bounds of all guarantees at one corner."""
-        flint = self._flint
-        rows = [_coefficients(flint, x, thin=True) for x in _series_of(thin)]
-        rests = [_coefficients(flint, x, thin=False) for x in _series_of(thick)]
+        """Bounds of all guarantees at one corner.
+
+        Args:
+            stretch: The stretch.
+            rows: Coefficients about its middle, an even number, of each quantity.
+            rests: Ball of the next coefficient of each quantity at all of its times.
+            off: Moment that the corners miss.
+            radius: Half the duration of the stretch.
+            corner: Number of the corner.
+        """
+        flint, order = self._flint, len(rows[0])
         powers = [flint.arb(1)]
-        for _ in range(ORDER):
+        for _ in range(order):
             powers.append(powers[-1] * radius)
-        scaled_rows = [[row[m] * powers[m] for row in rows] for m in range(ORDER)]
-        control = bernstein(ORDER) * flint.arb_mat(scaled_rows)  # (ORDER, quantities)
-        points = [[control[m, i] for m in range(ORDER)] for i in range(len(rows))]
-        last = [rest[0] * powers[ORDER] for rest in rests]
+        scaled_rows = [[row[m] * powers[m] for row in rows] for m in range(order)]
+        control = bernstein(order) * flint.arb_mat(scaled_rows)  # (order, quantities)
+        points = [[control[m, i] for m in range(order)] for i in range(len(rows))]
+        last = [rest * powers[order] for rest in rests]
         samples = [
             [p[0] + x, row[0], p[-1] + x] for p, row, x in zip(points, rows, last, strict=True)
         ]
@@ -338,14 +378,12 @@ def _series_of(found: _Quantities) -> list[Scalar]:
     return [*found.point, found.normal, *found.efforts]
 
 
-def _coefficients(flint: Any, x: Scalar, *, thin: bool) -> list[Any]:
-    """First `ORDER` coefficients; of a thick series the next one alone."""
-    if not hasattr(x, "derivative"):  # a constant
-        first, zero = flint.arb(x), flint.arb(0)
-        if not thin:
-            return [zero if first.is_finite() else first]
-        return [first] + [zero] * (ORDER - 1)
-    return [x[m] for m in range(ORDER)] if thin else [x[ORDER]]
+def _coefficient(flint: Any, x: Scalar, order: int) -> Any:
+    """Coefficient of a series or a constant."""
+    if hasattr(x, "derivative"):
+        return x[order]
+    first = flint.arb(x)
+    return first if order == 0 or not first.is_finite() else flint.arb(0)
 
 
 def _constant(flint: Any, x: Scalar) -> Any:
@@ -363,12 +401,16 @@ def _quotient(flint: Any, a: Scalar, b: Scalar) -> Scalar:
     return flint.arb.nan() if _constant(flint, b).contains(0) else a / b
 
 
-def _gravity(flint: Any, ground: Ground) -> Vector:
+def _gravity(flint: Any, ground: Ground, *, drives: bool) -> Vector:
     """Gravity in the ground frame: of a slope's angles in balls, otherwise as the ground gives it.
+
+    That of a heightmap is vertical if the base drives; if it stands, the frame is that of its root.
 
     The corners of an uncertain slope are floats; balls of `GRAVITY_ROUNDING` contain exact ones.
     """
     arb = flint.arb
+    if drives and isinstance(ground, Heightmap):
+        return 0, 0, -arb(GRAVITY)
     if type(ground) is Slope:
         roll, pitch, g = arb(ground.roll), arb(ground.pitch), arb(GRAVITY)
         lean = g * pitch.cos()

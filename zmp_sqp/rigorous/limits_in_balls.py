@@ -13,9 +13,10 @@ from zmp_sqp.arrays import Array
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.motion.trajectory import Trajectory
 from zmp_sqp.rigorous.balls import above, below, bernstein
-from zmp_sqp.rigorous.base_path import displacement
 from zmp_sqp.rigorous.decide import Asked, Bound
 from zmp_sqp.rigorous.motion_series import MotionSeries, Stretch
+from zmp_sqp.rigorous.root_series import PlaneRoot
+from zmp_sqp.rigorous.terrain_root import TerrainRoot
 
 __all__ = [
     "CONTINUITY",
@@ -151,12 +152,9 @@ def with_allowance(rows: Sequence[LimitRow], allowance: Array | None) -> list[Li
 
 
 def largest_jumps(
-    flint: Any, trajectory: Trajectory, motion: MotionSeries
+    flint: Any, trajectory: Trajectory, motion: MotionSeries, root: PlaneRoot | TerrainRoot
 ) -> tuple[Bound, list[str]]:
-    """Room of the largest jump of positions and rates at a node to `CONTINUITY`, and its labels.
-
-    Positions of a base follow from the integral of its speed along its heading, in a plane.
-    """
+    """Room of the largest jump of positions and rates at a node to `CONTINUITY`, and its labels."""
     labels = [f"{name} {what}" for name in trajectory.joint_names for what in ("position", "rate")]
     labels += ["base x", "base y", "base yaw", "base speed", "base yaw rate"]
     lower, worst, time, row = inf, -inf, 0.0, 0
@@ -167,11 +165,9 @@ def largest_jumps(
             after.append((polynomial(h), float(trajectory.positions[k + 1, i])))
             after.append((polynomial.derivative()(h), float(trajectory.velocities[k + 1, i])))
         if trajectory.base is not None:
-            x, y = displacement(flint, motion, k, 1.0)
             poses, rates = trajectory.base.poses, trajectory.base.velocities
-            start_x, start_y = (flint.arb(float(p)) for p in poses[k, :2])
             yaw, speed = motion.yaw[k], motion.speed[k]
-            found = (start_x + x, start_y + y, yaw(h), speed(h), yaw.derivative()(h))
+            found = (*root.position(k, 1.0), yaw(h), speed(h), yaw.derivative()(h))
             given = [*poses[k + 1].tolist(), *rates[k + 1].tolist()]
             after += list(zip(found, given, strict=True))
         for i, (value, node) in enumerate(after):

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from zmp_sqp.rigorous.machine_numbers import Body, JointNumbers
+from zmp_sqp.rigorous.root_series import Root
 from zmp_sqp.rigorous.series_algebra import (
     Matrix,
     Scalar,
@@ -37,7 +38,6 @@ from zmp_sqp.rigorous.series_algebra import (
 
 __all__ = ["LinkSeries", "Momenta", "exact", "joint_constants", "link_series", "momenta"]
 
-UNIT: Matrix = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
 NONE: Vector = (0, 0, 0)
 
 
@@ -103,16 +103,16 @@ def joint_constants(flint: Any, joints: Sequence[JointNumbers]) -> tuple[JointCo
 
 
 def link_series(
-    joints: Sequence[JointConstants], q: Sequence[Scalar], yaw: Scalar
+    joints: Sequence[JointConstants], q: Sequence[Scalar], root: Root
 ) -> tuple[LinkSeries, ...]:
     """Motion of all links, the root first.
 
     Args:
         joints: Constants of the joints.
         q: Series of the planned joints.
-        yaw: Series of the heading of the root; an exact 0 if it stands.
+        root: Motion of the root.
     """
-    links = [LinkSeries(*_root(yaw), axis=NONE)]
+    links = [LinkSeries(root.rotation, NONE, root.spin, axis=NONE)]
     for one in joints:
         parent = links[one.joint.parent]
         value = plus(product(one.multiplier, q[one.joint.leader]), one.offset)
@@ -127,14 +127,6 @@ def link_series(
         spin = vector_sum(parent.spin, scaled(derivative(value), axis))
         links.append(LinkSeries(rotation, origin, spin, axis))
     return tuple(links)
-
-
-def _root(yaw: Scalar) -> tuple[Matrix, Vector, Vector]:
-    """Rotation, origin and angular velocity of the root."""
-    if yaw.__class__ is int:
-        return UNIT, NONE, NONE
-    sin, cos = yaw.sin_cos()
-    return ((cos, -sin, 0), (sin, cos, 0), (0, 0, 1)), NONE, (0, 0, derivative(yaw))
 
 
 def _turned(carrier: Matrix, one: JointConstants, angle: Scalar) -> Matrix:
