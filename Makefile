@@ -4,7 +4,7 @@ export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help venv demo test oldest check docs bench clean
+.PHONY: help venv demo browser test oldest check docs bench clean
 
 help:  ## this list
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-6s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -22,6 +22,10 @@ venv: .venv/.installed  ## virtual environment in .venv, with everything that th
 
 demo: venv  ## plan test 1 of the paper: table on the terminal, trajectory and figures in out/paper_1
 	$(BIN)/zmp-sqp plan paper_1 --out out/paper_1
+
+browser:  ## Debian's chromium, in which reports are tested (as root); without it these tests are skipped
+	@command -v chromium > /dev/null || { apt-get update -qq && \
+		apt-get install -y -qq --no-install-recommends chromium > /dev/null; }
 
 test: venv  ## the test suite, two workers with one thread each
 	$(BIN)/python -m pytest -n 2

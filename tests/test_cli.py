@@ -16,6 +16,7 @@ import pytest
 import zmp_sqp.cli as cli
 import zmp_sqp.commands.plan as plan_command
 from zmp_sqp.planning import certify, phase_plane
+from zmp_sqp.report import RECORD_KEYS
 from zmp_sqp.scenario import SCHEMA, load_scenario, shipped_scenarios
 from zmp_sqp.show.results import RESULT_KEYS
 
@@ -145,7 +146,7 @@ def test_json_on_standard_output_is_all_there_is(capsys: pytest.CaptureFixture[s
     captured = capsys.readouterr()
     result = json.loads(captured.out)
     assert list(result) == [
-        line.strip() for row in RESULT_KEYS.splitlines()[1:] for line in names(row)
+        line.strip() for row in (RESULT_KEYS + RECORD_KEYS).splitlines()[1:] for line in names(row)
     ]
     assert result["lower_bound"] == pytest.approx(4.5)
     assert result["margin"] > -1e-4  # [m]

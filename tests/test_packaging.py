@@ -138,6 +138,7 @@ LEAVES = (
     "zmp_sqp.cli",
     "zmp_sqp.commands",
     "zmp_sqp.paper",
+    "zmp_sqp.report",
     "zmp_sqp.scenario",
     "zmp_sqp.show",
 )

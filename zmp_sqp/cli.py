@@ -22,6 +22,7 @@ from zmp_sqp.commands.inspect import add_inspect
 from zmp_sqp.commands.paper import add_paper
 from zmp_sqp.commands.plan import add_plan
 from zmp_sqp.commands.replay import add_replay
+from zmp_sqp.commands.report import add_report
 from zmp_sqp.commands.tradeoff import add_tradeoff
 from zmp_sqp.errors import MachineWarning, ProblemWarning, ZmpSqpError, in_keys
 from zmp_sqp.scenario import shipped_scenarios
@@ -107,6 +108,7 @@ def _parser() -> argparse.ArgumentParser:
     add_check(commands)
     add_chart(commands, shipped)
     add_replay(commands, shipped)
+    add_report(commands)
     add_inspect(commands)
     add_init(commands)
     add_batch(commands, shipped)

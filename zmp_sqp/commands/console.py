@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,6 +26,8 @@ __all__ = [
     "write_json",
 ]
 
+# a list of numbers that is spread over lines; strings in JSON have no line breaks
+NUMBERS = re.compile(r"\[\n\s*(?:-?\d[\d.eE+-]*|null)(?:,\n\s*(?:-?\d[\d.eE+-]*|null))*\n\s*\]")
 STANDARD_OUTPUT = "-"  # value of --json
 NO_MATPLOTLIB = "no figures: they need matplotlib, which `pip install zmp-sqp[plots]` brings"
 
@@ -118,8 +121,9 @@ def prepare_folder(folder: Path | None, files: Sequence[str]) -> None:
 
 
 def to_json(result: Mapping[str, Any], *, indent: int = 2) -> str:
-    """Result as text; NaN and infinity are refused, because JSON has neither."""
-    return json.dumps(result, indent=indent, allow_nan=False) + "\n"
+    """Result as text, lists of numbers on one line; NaN and infinity, not in JSON, are refused."""
+    text = json.dumps(result, indent=indent, allow_nan=False)
+    return NUMBERS.sub(lambda found: " ".join(found[0].split()), text) + "\n"
 
 
 def write_json(text: str, json_target: str | None, console: Console) -> None:

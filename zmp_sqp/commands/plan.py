@@ -24,6 +24,7 @@ from zmp_sqp.commands.console import (
 from zmp_sqp.commands.exit_codes import DONE, INTERRUPTED, UNSAFE
 from zmp_sqp.commands.export_option import add_export_option, check_exports, write_exports
 from zmp_sqp.commands.live import live_line
+from zmp_sqp.commands.report import add_html_option, check_html, write_report
 from zmp_sqp.commands.rigorous_option import (
     add_rigorous_option,
     check_rigorous_option,
@@ -31,6 +32,7 @@ from zmp_sqp.commands.rigorous_option import (
 )
 from zmp_sqp.planning import Plan, Problem, Trajectory, diagnose, phase_plane, plan
 from zmp_sqp.planning.problem.checks import AUTO
+from zmp_sqp.report.record import RECORD_KEYS, make_record
 from zmp_sqp.rigorous import RigorousCheck, check_rigorously
 from zmp_sqp.scenario import load_scenario
 from zmp_sqp.scenario.path_constraints import kinds_in_words
@@ -56,6 +58,7 @@ examples:
   zmp-sqp plan paper_1 --out out/paper_1      table, trajectory, figures
   zmp-sqp plan my_machine.toml --json -       results for another program
   zmp-sqp plan paper_1 --margin 0.3 --verbose
+  zmp-sqp plan paper_1 --html report.html     the motion in 3-D, in any browser
   zmp-sqp plan paper_1 --export swing.yaml    for a ROS 2 joint_trajectory_controller
 """
 SCENARIO_KEYS = """\
@@ -104,7 +107,7 @@ def add_plan(commands: Any, shipped: str) -> None:
         run_plan,
         summary="plan the fastest safe motion of a scenario",
         description=DESCRIPTION,
-        notes=(EXAMPLES, shipped, SCENARIO_KEYS, kinds_in_words(), RESULT_KEYS),
+        notes=(EXAMPLES, shipped, SCENARIO_KEYS, kinds_in_words(), RESULT_KEYS + RECORD_KEYS),
     )
     command.add_argument(
         "scenario", metavar="SCENARIO", help="a scenario file (TOML), or the name of a shipped one"
@@ -149,6 +152,7 @@ def _add_planning_options(command: argparse.ArgumentParser) -> None:
 def _add_output_options(command: argparse.ArgumentParser) -> None:
     add_rigorous_option(command)
     add_out_option(command, PLAN_FILES)
+    add_html_option(command)
     add_export_option(command)
     add_json_option(command)
     command.add_argument(
@@ -176,6 +180,7 @@ def run_plan(arguments: argparse.Namespace) -> int:
     }
     problem = replace(scenario.problem, **overrides)
     prepare_folder(arguments.out, PLAN_FILES)
+    check_html(arguments.html)
     check_exports(arguments.exports, drives=problem.base is not None)
     with live_line() as line:
         found = plan(
@@ -186,7 +191,7 @@ def run_plan(arguments: argparse.Namespace) -> int:
             announce=line.say,
         )
     baseline = _baseline(problem)
-    result = make_result(scenario, found, baseline)
+    result = make_result(scenario, found, baseline) | make_record(scenario, found, baseline)
 
     console = make_console(arguments.json)
     console.print(f"{scenario.name}: {scenario.title}", style="bold", soft_wrap=True)
@@ -214,6 +219,8 @@ def run_plan(arguments: argparse.Namespace) -> int:
     if arguments.out is not None:
         lines = _write(arguments.out, found, baseline, result, figures=arguments.figures)
         print_lines(console, lines)
+    if arguments.html is not None:
+        print_lines(console, [write_report(arguments.html, [result])])
     if found.success:
         print_lines(console, write_exports(arguments.exports, found.trajectory))
     write_json(to_json(result), arguments.json, console)

@@ -14,7 +14,7 @@ from zmp_sqp.errors import TrajectoryError
 from zmp_sqp.mechanics.ground import Terrain
 from zmp_sqp.motion.unicycle_motion import BASE_COLUMNS, PLANE, UnicycleMotion
 
-__all__ = ["read_json", "write_json"]
+__all__ = ["json_content", "read_json", "write_json"]
 
 # of a point; ROS has the first three, and only motions with curved accelerations have the last two
 FIELDS = ("positions", "velocities", "accelerations", "jerks", "snaps", "crackles")
@@ -29,20 +29,15 @@ STAMP_TOLERANCE = 2e-9
 MAY_BE_ABSENT = (*FIELDS[3:], "jerk", "yaw_jerk")  # fields that may be left out and are zero then
 
 
-def write_json(
-    path: str | Path,
-    joint_names: Sequence[str],
-    times: Array,
-    rows: Sequence[Array],
-    base: UnicycleMotion | None,
-) -> None:
-    """Write a motion, one point per node.
+def json_content(
+    joint_names: Sequence[str], times: Array, rows: Sequence[Array], base: UnicycleMotion | None
+) -> dict[str, Any]:
+    """Motion as an object for JSON, one point per node.
 
     A point has `FIELDS`, `time_from_start` (sec and nanosec, as in ROS), `time` in full precision
     [s], and `base` if the base moves.
 
     Args:
-        path: File to write.
         joint_names: Names of the n joints.
         times: Nodes, shape (N+1,) [s].
         rows: One array (N+1, n) for each of `FIELDS`, or for the first four of them.
@@ -59,8 +54,23 @@ def write_json(
     if base is not None:
         for point, entries in zip(points, base.table().tolist(), strict=True):
             point["base"] = dict(zip(BASE_FIELDS, entries, strict=True))
-    content = {"joint_names": list(joint_names), "points": points, "made_for": MADE_FOR}
-    text = json.dumps(content, indent=1, allow_nan=False)
+    return {"joint_names": list(joint_names), "points": points, "made_for": MADE_FOR}
+
+
+def write_json(
+    path: str | Path,
+    joint_names: Sequence[str],
+    times: Array,
+    rows: Sequence[Array],
+    base: UnicycleMotion | None,
+) -> None:
+    """Write a motion as the object of `json_content`.
+
+    Args:
+        path: File to write.
+        joint_names, times, rows, base: Arguments of `json_content`.
+    """
+    text = json.dumps(json_content(joint_names, times, rows, base), indent=1, allow_nan=False)
     Path(path).write_text(text + "\n", encoding="utf-8")
 
 

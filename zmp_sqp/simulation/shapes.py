@@ -14,7 +14,7 @@ from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.urdf.elements import read_shape
 from zmp_sqp.mechanics.urdf.loader import shipped_machines
 
-__all__ = ["Solid", "machine_solids"]
+__all__ = ["STEEL", "Solid", "bar_solids", "machine_solids", "payload_solids"]
 
 STEEL, WOOD = (0.35, 0.37, 0.40, 1.0), (0.55, 0.38, 0.22, 1.0)  # red, green, blue, opacity
 SLENDER = 0.03  # least radius of a drawn payload over its length
@@ -48,7 +48,7 @@ def machine_solids(machine: Machine) -> list[Solid]:
     """All solids of a machine, including its payloads."""
     path = shipped_machines().get(machine.name)
     known = path is not None and {link.name for link in _links(machine)} == set(_urdf_links(path))
-    return [*(_visuals(machine, path) if known else _bars(machine)), *_payloads(machine)]
+    return [*(_visuals(machine, path) if known else bar_solids(machine)), *payload_solids(machine)]
 
 
 def _links(machine: Machine) -> list[Any]:
@@ -91,7 +91,7 @@ def _visuals(machine: Machine, path: Any) -> Iterator[Solid]:
             yield Solid(shape.kind, size, frame.parentJoint, placement, colour)
 
 
-def _bars(machine: Machine) -> Iterator[Solid]:
+def bar_solids(machine: Machine) -> Iterator[Solid]:
     """Stand-ins for a machine without known visuals.
 
     A plate stands on the ground. A bar leads from each joint to the next, or from the last joint to
@@ -126,7 +126,7 @@ def _bars(machine: Machine) -> Iterator[Solid]:
         yield Solid("sphere", (1.5 * radius,), joint, hub, STEEL)
 
 
-def _payloads(machine: Machine) -> Iterator[Solid]:
+def payload_solids(machine: Machine) -> Iterator[Solid]:
     """Payloads as uniform cylinders.
 
     Radius r and length l follow from a payload's mass m and its moments of inertia m r^2 / 2 and

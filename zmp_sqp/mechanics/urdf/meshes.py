@@ -10,7 +10,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
-from zmp_sqp.arrays import Array
+from zmp_sqp.arrays import Array, Indices
 from zmp_sqp.errors import MachineError
 
 __all__ = ["MeshFolders"]
@@ -44,6 +44,32 @@ class MeshFolders:
             MachineError: The file is not there, lies outside the folders, or is no mesh; the
                 message names it.
         """
+        points = _mesh(*self._content(filename))[0] * scale
+        if not len(points) or not np.isfinite(points).all():
+            raise MachineError(f"mesh {filename!r} has no vertices, or some that are not finite")
+        return _corners(points)
+
+    def triangles(self, filename: str, scale: tuple[float, ...]) -> tuple[Array, Indices]:
+        """Surface of a mesh, in its own axes.
+
+        Args:
+            filename: File as the URDF names it.
+            scale: Factors of x, y and z.
+
+        Returns:
+            Vertices, shape (P, 3) [m], and the vertices of each triangle, shape (F, 3).
+
+        Raises:
+            MachineError: As for `hull`.
+        """
+        points, faces = _mesh(*self._content(filename))
+        points = points * scale
+        if not len(faces) or not np.isfinite(points).all():
+            raise MachineError(f"mesh {filename!r} has no surface, or a vertex that is not finite")
+        return points, faces
+
+    def _content(self, filename: str) -> tuple[bytes, Path]:
+        """Content of a mesh file, and its path."""
         if not filename:
             raise MachineError("a shape is none of box, cylinder, sphere and mesh with a filename")
         path = self._locate(filename)
@@ -56,10 +82,7 @@ class MeshFolders:
             raise MachineError(f"mesh {path} cannot be read: {cause.strerror or cause}") from None
         if not content:
             raise MachineError(f"mesh {path} is {'empty' if not size else 'larger than 200 MB'}")
-        points = _vertices(content, path) * scale
-        if not len(points) or not np.isfinite(points).all():
-            raise MachineError(f"mesh {path} has no vertices, or some that are not finite")
-        return _corners(points)
+        return content, path
 
     def _locate(self, filename: str) -> Path:
         """Path of a mesh, with symbolic links resolved; it exists and lies in a folder."""
@@ -90,8 +113,8 @@ class MeshFolders:
         )
 
 
-def _vertices(content: bytes, path: Path) -> Array:
-    """Vertices of a mesh file, shape (P, 3).
+def _mesh(content: bytes, path: Path) -> tuple[Array, Indices]:
+    """Vertices of a mesh file, shape (P, 3), and those of each triangle, shape (F, 3).
 
     The library reads a copy in an empty folder, without references to materials, so that the file
     cannot make it open others.
@@ -112,10 +135,14 @@ def _vertices(content: bytes, path: Path) -> Array:
         copy = Path(folder) / f"mesh{suffix}"
         copy.write_bytes(content)
         try:
-            return unit * np.array(coal.MeshLoader().load(str(copy)).vertices(), dtype=np.float64)
+            found = coal.MeshLoader().load(str(copy))
+            points = unit * np.array(found.vertices(), dtype=np.float64)
+            corners = (found.tri_indices(i) for i in range(found.num_tris))
+            faces = [(corner[0], corner[1], corner[2]) for corner in corners]
         except (ValueError, RuntimeError, TypeError, MemoryError) as cause:
             said = " ".join(str(cause).replace(str(copy), path.name).split())
             raise MachineError(f"mesh {path} cannot be read: {said}") from None
+    return points, np.array(faces, dtype=np.intp).reshape(-1, 3)
 
 
 def _collada_unit(content: bytes) -> float:

@@ -1,0 +1,2 @@
+export { AmbientLight, BoxGeometry, BufferAttribute, BufferGeometry, CapsuleGeometry, Color, CylinderGeometry, DirectionalLight, DoubleSide, EdgesGeometry, Group, HemisphereLight, Line, LineBasicMaterial, LineDashedMaterial, LineLoop, LineSegments, Matrix4, Mesh, MeshBasicMaterial, MeshLambertMaterial, PerspectiveCamera, PlaneGeometry, Quaternion, REVISION, Scene, Shape, ShapeGeometry, SphereGeometry, Vector3, WebGLRenderer } from 'three';
+export { OrbitControls } from 'three/addons/controls/OrbitControls.js';

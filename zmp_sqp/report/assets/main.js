@@ -1,0 +1,120 @@
+// Ties the time cursor to the views and the plots.
+"use strict";
+
+(() => {
+  const plans = JSON.parse(document.getElementById("data").textContent);
+  const byId = (name) => document.getElementById(name);
+  const slider = byId("time"), clock = byId("clock"), play = byId("play"), speed = byId("speed"), camera = byId("camera"), ghost = byId("ghost");
+  const shown = plans.map((plan, i) => ({ plan, element: document.querySelector(`[data-plan="${i}"]`) })).filter(({ plan }) => plan.record);
+  const span = Math.max(1e-9, ...shown.map(({ plan }) => plan.record.plan.duration));
+  const ranges = sharedRanges();
+  let time = 0, playing = false, before = 0;
+  const panels = shown.map(panelOf);
+
+  function askedOf(plan, chart) {
+    return chart.group === "constraint" ? plan.guarantees.find((found) => found.name === chart.title)?.required || null : null;
+  }
+
+  // Charts of the same name have one range in all plans.
+  function sharedRanges() {
+    const found = {};
+    for (const { plan } of shown) for (const chart of plan.record.plan.charts) {
+      const key = `${chart.group}:${chart.title}`, [low, high] = rangeOf(chart, [askedOf(plan, chart)]);
+      found[key] = key in found ? [Math.min(low, found[key][0]), Math.max(high, found[key][1])] : [low, high];
+    }
+    return found;
+  }
+
+  function panelOf({ plan, element }) {
+    const { record } = plan, motion = record.plan, full = Math.max(0, ...motion.margin.filter((entry) => entry !== null));
+    let view = null;
+    try { view = new View(element.querySelector(".canvas"), record, full); }
+    catch (error) {
+      const note = document.createElement("p");
+      note.className = "note";
+      note.textContent = `This browser has no WebGL, so the machine is not drawn (${error.message}); the plots are complete.`;
+      element.querySelector(".canvas").replaceChildren(note);
+    }
+    const map = record.support ? drawMap(element.querySelector(".map"), record, full) : () => {};
+    const cursors = motion.charts.map((chart) => drawChart(
+      element.querySelector(chart.group === "constraint" ? ".constraints > div" : ".joints > div"),
+      chart, motion.times, span, ranges[`${chart.group}:${chart.title}`], askedOf(plan, chart), seek));
+    const now = element.querySelector(".now");
+    return { view, show: (t) => {
+      const at = locate(motion.times, t), point = pointAt(motion.zmp, at), margin = valueAt(motion.margin, at);
+      const blind = record.blind && locate(record.blind.times, t), blindMargin = blind && valueAt(record.blind.margin, blind);
+      if (view) { view.move(view.plan, t); if (view.blind) view.move(view.blind, t); view.render(); }
+      map(point, blind && ghost.checked ? pointAt(record.blind.zmp, blind) : null);
+      for (const cursor of cursors) cursor(at, Math.min(t, motion.duration));
+      const bad = margin === null || margin < 0;
+      now.classList.toggle("bad", bad);
+      now.textContent = `${bad ? "\u2717 outside, tips over: " : ""}margin ${inWords(margin, "m")}`
+        + (blind ? `; stability-blind: ${blindMargin === null ? "lifts off" : `${blindMargin < 0 ? "\u2717 " : ""}${inWords(blindMargin, "m")}`}` : "");
+    } };
+  }
+
+  function seek(t) {
+    time = Math.min(Math.max(t, 0), span);
+    slider.value = time;
+    clock.value = `${time.toFixed(3)} s`;
+    slider.setAttribute("aria-valuetext", clock.value);
+    for (const panel of panels) panel.show(time);
+  }
+
+  function toggle(on) {
+    playing = on;
+    play.textContent = on ? "Pause" : "Play";
+    play.setAttribute("aria-pressed", String(on));
+    if (on && time >= span) seek(0);
+    if (on) { before = performance.now(); requestAnimationFrame(frame); }
+  }
+
+  function frame(now) {
+    if (!playing) return;
+    seek(time + Number(speed.value) * Math.max(0, now - before) / 1000);
+    before = now;
+    if (time >= span) toggle(false); else requestAnimationFrame(frame);
+  }
+
+  function keys(event) {
+    const target = event.target, typing = target.matches("select, input[type=range]"), far = event.shiftKey ? 10 : 1;
+    if (event.ctrlKey || event.metaKey || event.altKey || target.matches("select")) return;
+    const step = far * span / 200, known = {
+      " ": () => toggle(!playing), ArrowRight: () => seek(time + step), ArrowLeft: () => seek(time - step),
+      Home: () => seek(0), End: () => seek(span), g: () => ghost.click(), G: () => ghost.click(),
+    };
+    [...camera.options].forEach((option, i) => { known[String(i + 1)] = () => { camera.value = option.value; look(); }; });
+    if (event.key === " " && target.matches("button, summary, input[type=checkbox]")) return;
+    if (typing && event.key === " " || known[event.key]) { event.preventDefault(); known[event.key]?.(); }
+  }
+
+  function look() { for (const { view } of panels) view?.preset(camera.value); }
+
+  function darken(on) {
+    document.documentElement.classList.toggle("dark", on);
+    byId("dark").setAttribute("aria-pressed", String(on));
+    for (const { view } of panels) view?.render();
+  }
+
+  function save() {
+    const link = document.createElement("a");
+    link.href = URL.createObjectURL(new Blob([JSON.stringify(plans.length === 1 ? plans[0] : plans, null, 1)], { type: "application/json" }));
+    link.download = plans.length === 1 ? `${plans[0].scenario}.plan.json` : "plans.json";
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+  }
+
+  slider.max = span;
+  slider.addEventListener("input", () => { toggle(false); seek(Number(slider.value)); });
+  play.addEventListener("click", () => toggle(!playing));
+  camera.addEventListener("change", look);
+  ghost.addEventListener("change", () => { for (const { view } of panels) view?.show(ghost.checked); look(); seek(time); });
+  byId("dark").addEventListener("click", () => darken(!document.documentElement.classList.contains("dark")));
+  byId("save").addEventListener("click", save);
+  document.addEventListener("keydown", keys);
+  ghost.parentElement.hidden = !shown.some(({ plan }) => plan.record.blind);
+  document.querySelector(".transport").hidden = !shown.length;
+  if (window.matchMedia("(prefers-color-scheme: dark)").matches) darken(true);
+  window.zmpReport = { seek, views: panels.map(({ view }) => view), playing: () => playing, time: () => time, span };
+  seek(0);
+})();

@@ -1,0 +1,223 @@
+// The machine in 3-D, drawn by three.js.
+"use strict";
+
+const GHOST = { color: 0x8899aa, transparent: true, opacity: 0.35, depthWrite: false };
+
+class View {
+  constructor(parent, record, full) {
+    this.record = record;
+    this.parent = parent;
+    this.renderer = new THREE.WebGLRenderer({ antialias: true, preserveDrawingBuffer: true });
+    this.renderer.setPixelRatio(Math.min(window.devicePixelRatio || 1, 2));
+    parent.appendChild(this.renderer.domElement);
+    this.scene = new THREE.Scene();
+    this.camera = new THREE.PerspectiveCamera(40, 1, 0.05, 2000);
+    this.camera.up.set(0, 0, 1);
+    this.controls = new THREE.OrbitControls(this.camera, this.renderer.domElement);
+    this.controls.addEventListener("change", () => this.render());
+    this.lights();
+    this.ground = new THREE.Group();
+    this.ground.quaternion.fromArray(record.ground.rotation);
+    this.scene.add(this.ground);
+    this.measure();
+    this.addGround();
+    this.plan = this.addMachine(record.plan, null);
+    this.addTrail(record.plan, full);
+    this.blind = record.blind && this.addMachine(record.blind, GHOST);
+    if (this.blind) this.blind.root.position.y = 0;
+    new ResizeObserver(() => this.resize()).observe(parent);
+    this.preset("corner");
+  }
+
+  lights() {
+    this.scene.add(new THREE.HemisphereLight(0xffffff, 0x8a8f98, 2.2));
+    const sun = new THREE.DirectionalLight(0xffffff, 1.8);
+    sun.position.set(3, -5, 9);
+    this.scene.add(sun);
+  }
+
+  // Size of all that moves, in the ground frame, and where its middle is.
+  measure() {
+    const { plan } = this.record, low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
+    const reach = this.record.parts.map((part) => Math.hypot(...(part.size.length ? part.size : [0])));
+    const step = Math.max(1, Math.floor(plan.times.length / 40));
+    for (let i = 0; i < plan.times.length; i += step) {
+      const root = placed(poseOf(plan.root, i));
+      this.record.parts.forEach((part, k) => {
+        const poses = plan.bodies[part.joint], at = placed(poseOf(poses, i)).premultiply(root).multiply(placed(part.pose));
+        const middle = new THREE.Vector3().setFromMatrixPosition(at).toArray();
+        middle.forEach((entry, axis) => { low[axis] = Math.min(low[axis], entry - 0.7 * reach[k]); high[axis] = Math.max(high[axis], entry + 0.7 * reach[k]); });
+      });
+    }
+    this.low = low; this.high = high;
+    this.beside = this.record.blind ? 0.75 * (high[1] - low[1]) : 0;
+    this.size = Math.max(...high.map((entry, i) => entry - low[i]));
+  }
+
+  addGround() {
+    const { ground } = this.record, grid = [];
+    const material = new THREE.MeshLambertMaterial({ color: 0xb9ad98, side: THREE.DoubleSide });
+    if (ground.heights) { this.ground.add(new THREE.Mesh(terrain(ground, grid), material)); }
+    else {
+      const cell = 10 ** Math.round(Math.log10(this.size / 8)), reach = Math.ceil((0.9 * this.size + this.beside) / cell) * cell;
+      const plane = new THREE.Mesh(new THREE.PlaneGeometry(2 * reach, 2 * reach), material);
+      plane.position.z = -0.004 * this.size;
+      this.ground.add(plane);
+      for (let k = -reach; k <= reach + 1e-9; k += cell) grid.push(-reach, k, 0, reach, k, 0, k, -reach, 0, k, reach, 0);
+    }
+    const lines = new THREE.BufferGeometry().setAttribute("position", new THREE.BufferAttribute(new Float32Array(grid), 3));
+    const mesh = new THREE.LineSegments(lines, new THREE.LineBasicMaterial({ color: 0x8f8571 }));
+    mesh.position.z = (ground.heights ? 0.004 : -0.002) * this.size;
+    this.ground.add(mesh);
+  }
+
+  addMachine(motion, ghost) {
+    const root = new THREE.Group(), bodies = {}, { support } = this.record;
+    for (const joint of Object.keys(motion.bodies)) { bodies[joint] = new THREE.Group(); root.add(bodies[joint]); }
+    for (const part of this.record.parts) {
+      const material = new THREE.MeshLambertMaterial(ghost || { color: new THREE.Color().setRGB(...part.colour.slice(0, 3), "srgb"), side: THREE.DoubleSide });
+      const mesh = new THREE.Mesh(solid(part), material);
+      mesh.applyMatrix4(placed(part.pose));
+      if (part.kind === "cylinder" || part.kind === "capsule") mesh.rotateX(Math.PI / 2);
+      bodies[part.joint].add(mesh);
+      if (part.kind === "box" && !ghost) mesh.add(new THREE.LineSegments(new THREE.EdgesGeometry(mesh.geometry), new THREE.LineBasicMaterial({ color: 0x222222 })));
+    }
+    const marker = new THREE.Mesh(new THREE.SphereGeometry(0.013 * this.size, 20, 14), overlay({ color: ghost ? 0x8899aa : 0xf0e442 }));
+    marker.renderOrder = 4;
+    root.add(marker);
+    if (support) root.add(outline(support, ghost ? 0x8899aa : 0x000000, 0.005 * this.size));
+    const shift = new THREE.Group();
+    if (ghost) shift.position.y = this.beside;
+    shift.add(root);
+    this.ground.add(shift);
+    return { motion, root, bodies, marker, shift };
+  }
+
+  // Band on the ground along the zero moment point, coloured by margin.
+  addTrail(motion, full) {
+    const height = this.record.support ? this.record.support.height : 0, width = 0.005 * this.size, places = [], colours = [];
+    const points = motion.zmp.map((point, i) => point && new THREE.Vector3(point[0], point[1], height + 0.001 * this.size).applyMatrix4(placed(poseOf(motion.root, i))));
+    for (let i = 0; i + 1 < points.length; i++) {
+      const [a, b] = [points[i], points[i + 1]];
+      if (!a || !b || a.distanceTo(b) === 0) continue;
+      const least = [motion.margin[i], motion.margin[i + 1]];
+      const kind = grade(least.includes(null) ? null : Math.min(...least), this.record.margin_asked, full);
+      const side = new THREE.Vector3().subVectors(b, a).cross(new THREE.Vector3(0, 0, 1)).setLength(kind === "out" ? 1.6 * width : width);
+      const corners = [a.clone().add(side), a.clone().sub(side), b.clone().add(side), b.clone().sub(side)];
+      const colour = new THREE.Color(COLOURS[kind]);
+      for (const k of [0, 1, 2, 2, 1, 3]) { places.push(...corners[k].toArray()); colours.push(colour.r, colour.g, colour.b); }
+    }
+    const geometry = new THREE.BufferGeometry();
+    geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(places), 3));
+    geometry.setAttribute("color", new THREE.BufferAttribute(new Float32Array(colours), 3));
+    const band = new THREE.Mesh(geometry, overlay({ vertexColors: true, side: THREE.DoubleSide }));
+    band.renderOrder = 3;
+    this.ground.add(band);
+  }
+
+  // Move a machine to a time; returns its zero moment point and margin.
+  move(machine, t) {
+    const { motion } = machine, at = locate(motion.times, t);
+    pose(machine.root, motion.root, at);
+    for (const [joint, group] of Object.entries(machine.bodies)) pose(group, motion.bodies[joint], at);
+    const point = pointAt(motion.zmp, at), margin = valueAt(motion.margin, at);
+    machine.marker.visible = Boolean(point);
+    if (point) machine.marker.position.set(point[0], point[1], this.record.support ? this.record.support.height : 0);
+    const bad = margin === null || margin < 0;
+    machine.marker.material.color.set(bad ? COLOURS.out : machine === this.plan ? 0xf0e442 : 0x8899aa);
+    return { at, point, margin };
+  }
+
+  preset(name) {
+    const both = this.blind && this.blind.shift.visible ? this.beside : 0;
+    const low = new THREE.Vector3(...this.low), high = new THREE.Vector3(...this.high);
+    high.y += both;
+    const middle = low.clone().add(high).multiplyScalar(0.5).applyQuaternion(this.ground.quaternion);
+    const radius = 0.5 * low.distanceTo(high), away = { corner: [-0.75, -0.85, 0.6], side: [0.02, -1, 0.12], top: [-0.001, 0, 1], rear: [-1, 0, 0.2] }[name];
+    const narrow = Math.min(1, this.camera.aspect || 1);
+    this.camera.position.copy(middle).add(new THREE.Vector3(...away).setLength(0.72 * radius / Math.sin(this.camera.fov * Math.PI / 360) / narrow));
+    this.controls.target.copy(middle);
+    this.controls.update();
+    this.render();
+  }
+
+  show(blind) { if (this.blind) this.blind.shift.visible = blind; this.render(); }
+
+  resize() {
+    const { clientWidth: width, clientHeight: height } = this.parent;
+    if (!width || !height) return;
+    this.renderer.setSize(width, height, false);
+    this.camera.aspect = width / height;
+    this.camera.updateProjectionMatrix();
+    this.render();
+  }
+
+  render() {
+    this.renderer.setClearColor(document.documentElement.classList.contains("dark") ? 0x1e242a : 0xe9eef3);
+    this.renderer.render(this.scene, this.camera);
+  }
+}
+
+const COLOURS = { ample: "#0072b2", tight: "#56b4e9", short: "#e69f00", out: "#c1121f" };
+
+// Material that is seen through the machine.
+function overlay(look) { return new THREE.MeshBasicMaterial({ ...look, depthTest: false, transparent: true }); }
+
+function poseOf(poses, i) { return poses[Math.min(i, poses.length - 1)]; }
+
+function placed(entries) {
+  return new THREE.Matrix4().compose(new THREE.Vector3(...entries.slice(0, 3)), new THREE.Quaternion(...entries.slice(3)), new THREE.Vector3(1, 1, 1));
+}
+
+function pose(group, poses, at) {
+  const [a, b, w] = posesAt(poses, at);
+  group.position.set(a[0] + w * (b[0] - a[0]), a[1] + w * (b[1] - a[1]), a[2] + w * (b[2] - a[2]));
+  group.quaternion.set(a[3], a[4], a[5], a[6]).slerp(new THREE.Quaternion(b[3], b[4], b[5], b[6]), w);
+}
+
+function solid(part) {
+  const [a, b, c] = part.size;
+  if (part.kind === "box") return new THREE.BoxGeometry(2 * a, 2 * b, 2 * c);
+  if (part.kind === "cylinder") return new THREE.CylinderGeometry(a, a, 2 * b, 28);
+  if (part.kind === "capsule") return new THREE.CapsuleGeometry(a, 2 * b, 6, 16);
+  if (part.kind === "sphere") return new THREE.SphereGeometry(a, 24, 16);
+  const geometry = new THREE.BufferGeometry();
+  geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(part.vertices), 3));
+  geometry.setIndex(part.faces);
+  geometry.computeVertexNormals();
+  return geometry;
+}
+
+// Edges of the support polygon as flat bands.
+function outline(support, colour, width) {
+  const shape = new THREE.Group(), material = overlay({ color: colour });
+  support.vertices.forEach((from, i) => {
+    const to = support.vertices[(i + 1) % support.vertices.length], length = Math.hypot(to[0] - from[0], to[1] - from[1]);
+    const bar = new THREE.Mesh(new THREE.BoxGeometry(length + width, width, width), material);
+    bar.position.set((from[0] + to[0]) / 2, (from[1] + to[1]) / 2, support.height);
+    bar.renderOrder = 2;
+    bar.rotation.z = Math.atan2(to[1] - from[1], to[0] - from[0]);
+    shape.add(bar);
+  });
+  return shape;
+}
+
+// Triangles of a terrain; the lines of its grid are appended to `grid`.
+function terrain(ground, grid) {
+  const { heights, resolution, origin } = ground, columns = heights[0].length, places = [], faces = [];
+  const at = (row, column) => [origin[0] + column * resolution, origin[1] + row * resolution, heights[row][column]];
+  heights.forEach((line, row) => line.forEach((_, column) => {
+    places.push(...at(row, column));
+    if (column + 1 < columns) grid.push(...at(row, column), ...at(row, column + 1));
+    if (row + 1 < heights.length) grid.push(...at(row, column), ...at(row + 1, column));
+    if (column + 1 < columns && row + 1 < heights.length) {
+      const k = row * columns + column;
+      faces.push(k, k + 1, k + columns, k + 1, k + columns + 1, k + columns);
+    }
+  }));
+  const geometry = new THREE.BufferGeometry();
+  geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(places), 3));
+  geometry.setIndex(faces);
+  geometry.computeVertexNormals();
+  return geometry;
+}

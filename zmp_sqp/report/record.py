@@ -1,0 +1,207 @@
+"""What a report shows beside the results of a plan: the scene, and samples of its motions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from zmp_sqp.arrays import Array
+from zmp_sqp.errors import ZmpSqpError
+from zmp_sqp.mechanics import Heightmap
+from zmp_sqp.mechanics.urdf.sources import find_machine
+from zmp_sqp.motion.trajectory_json import json_content
+from zmp_sqp.planning import Plan, Problem, Trajectory
+from zmp_sqp.report.parts import machine_parts, pose_entries
+from zmp_sqp.report.sampling import MotionSamples
+from zmp_sqp.scenario import Scenario
+from zmp_sqp.scenario.load import read_content
+
+__all__ = ["RECORD_KEYS", "make_record"]
+
+RECORD_KEYS = """\
+  scenario_text             content of the scenario file
+  trajectory                the motion as trajectory.json has it; null without success
+  record                    what zmp-sqp report shows beside this, rounded for display: parts of
+                            the machine, support polygon, ground, samples of the motion (without
+                            success of the last one of the search, which is not safe) and of the
+                            phase-plane baseline; null if no motion can be shown
+"""
+SAMPLES, BLIND_SAMPLES = 300, 200  # of a motion, about
+MOST_HEIGHTS = 90  # rows and columns of a terrain that is drawn
+RESOLUTIONS = {"position": 6, "rate": 6, "acceleration": 5}  # digits behind the point
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def make_record(scenario: Scenario, found: Plan, baseline: Trajectory | None) -> dict[str, Any]:
+    """Entries `RECORD_KEYS` of the results of a plan, ready for JSON.
+
+    Args:
+        scenario: Where machine and meshes come from.
+        found: The plan.
+        baseline: Stability-blind motion between the plan's start and goal; None if there is none.
+    """
+    try:
+        text = scenario.path.read_text(encoding="utf-8")
+    except OSError:
+        text = ""
+    motion, nodes = found.attempt, None
+    if found.success:
+        safe = found.trajectory
+        nodes = json_content(safe.joint_names, safe.times, safe.node_rows(), safe.base)
+    return {
+        "scenario_text": text,
+        "trajectory": nodes,
+        "record": None if motion is None else _record(scenario, found.problem, motion, baseline),
+    }
+
+
+def _record(
+    scenario: Scenario, problem: Problem, motion: Trajectory, baseline: Trajectory | None
+) -> dict[str, Any] | None:
+    machine = problem.machine
+    parts = machine_parts(machine, *_files(scenario))
+    joints = sorted({part["joint"] for part in parts})
+    support = machine.support
+    try:
+        samples = MotionSamples.of(problem, motion, SAMPLES)
+    except ZmpSqpError:  # a motion that failed may lead off the map
+        return None
+    return {
+        "machine": machine.name,
+        "support": support and {"vertices": support.vertices.tolist(), "height": support.height},
+        "margin_asked": problem.margin,
+        "ground": _ground(problem),
+        "parts": parts,
+        "plan": _motion(problem, samples, joints) | {"charts": list(_charts(problem, samples))},
+        "blind": baseline
+        and _motion(problem, MotionSamples.of(problem, baseline, BLIND_SAMPLES), joints),
+    }
+
+
+def _files(scenario: Scenario) -> tuple[Path | None, list[Path]]:
+    """URDF of a scenario, and the folders of its packages."""
+    try:
+        table = read_content(scenario.path)[0]["machine"]
+        folder = scenario.path.parent
+        urdf = find_machine(table["name"] if "name" in table else folder / table["urdf"])
+    except (ZmpSqpError, KeyError):
+        return None, []
+    return urdf, [folder / name for name in table.get("package_dirs", ())]
+
+
+def _ground(problem: Problem) -> dict[str, Any]:
+    """Rotation from the ground frame to one whose z axis is vertical, and heights of a terrain."""
+    ground = problem.ground
+    if isinstance(ground, Heightmap):
+        step = -(-max(ground.heights.shape) // MOST_HEIGHTS)
+        heights = ground.heights[::step, ::step]
+        return {
+            "rotation": [0.0, 0.0, 0.0, 1.0],
+            "heights": np.round(heights, 3).tolist(),
+            "resolution": ground.resolution * step,
+            "origin": list(ground.origin),
+        }
+    up = -ground.gravity()
+    turn = pin.Quaternion.FromTwoVectors(up / np.linalg.norm(up), UP).coeffs()
+    return {"rotation": _rounded(turn, 6), "heights": None, "resolution": None, "origin": None}
+
+
+def _motion(problem: Problem, samples: MotionSamples, joints: Sequence[int]) -> dict[str, Any]:
+    """Times, poses of bodies in the root frame and of the root in the ground frame, ZMP."""
+    margin = samples.rooms[0]
+    roots = zip(samples.root_positions, samples.root_rotations, strict=True)
+    return {
+        "duration": float(samples.times[-1]),
+        "times": _rounded(samples.times, 9),
+        "root": [pose_entries(pin.SE3(turn, at)) for at, turn in roots],
+        "bodies": _bodies(problem, samples.states[0], joints),
+        "zmp": [None if np.isnan(point).any() else _rounded(point, 5) for point in samples.zmp],
+        "margin": _finite(margin.room, 6),
+    }
+
+
+def _bodies(problem: Problem, q: Array, joints: Sequence[int]) -> dict[str, list[list[float]]]:
+    """Poses of the bodies behind some joints in the root frame, by index of the joint."""
+    model = problem.machine.model
+    data = model.createData()
+    poses: dict[str, list[list[float]]] = {str(joint): [] for joint in joints}
+    for configuration in problem.machine.configuration(q):
+        pin.forwardKinematics(model, data, configuration)
+        for joint in joints:
+            poses[str(joint)].append(pose_entries(data.oMi[joint]))
+    return {  # a body that stands needs one pose
+        joint: rows[:1] if all(row == rows[0] for row in rows) else rows
+        for joint, rows in poses.items()
+    }
+
+
+def _charts(problem: Problem, samples: MotionSamples) -> Iterator[dict[str, Any]]:
+    """Curves over time with their bounds: room of constraints, then every joint, then the base."""
+    for found in samples.rooms:
+        yield {
+            "group": "constraint",
+            "title": found.name,
+            "unit": found.unit,
+            "values": _finite(found.room, 6),
+            "lower": 0.0,
+            "upper": None,
+            "rows": list(found.labels),
+            "row": found.row.tolist(),
+        }
+    machine, limits = problem.machine, problem.machine.limits
+    bounds = {
+        "position": (limits.position_lower, limits.position_upper),
+        "rate": (-limits.velocity, limits.velocity),
+        "acceleration": (-limits.acceleration, limits.acceleration),
+    }
+    for i, (name, unit) in enumerate(zip(machine.joint_names, machine.joint_units, strict=True)):
+        for rows, (group, (lower, upper)), per in zip(
+            samples.states, bounds.items(), ("", "/s", "/s^2"), strict=True
+        ):
+            yield _chart(group, name, unit + per, rows[:, i], (lower[i], upper[i]))
+    if samples.base is not None:
+        yield from _base_charts(problem, samples.base)
+
+
+def _base_charts(problem: Problem, state: tuple[Array, Array, Array]) -> Iterator[dict[str, Any]]:
+    """Speed and yaw rate of a base that drives, and their rates."""
+    base = problem.base
+    _, rates, accelerations = state
+    nothing = (np.nan, np.nan)
+    speeds = nothing if base is None else (base.max_speed, base.max_yaw_rate)
+    changes = nothing if base is None else (base.max_acceleration, base.max_yaw_acceleration)
+    for i, (name, unit) in enumerate((("base speed", "m"), ("base yaw", "rad"))):
+        for group, rows, most, per in (
+            ("rate", rates, speeds[i], "/s"),
+            ("acceleration", accelerations, changes[i], "/s^2"),
+        ):
+            yield _chart(group, name, unit + per, rows[:, i], (-most, most))
+
+
+def _chart(
+    group: str, title: str, unit: str, values: Array, bounds: tuple[float, float]
+) -> dict[str, Any]:
+    lower, upper = (float(bound) if np.isfinite(bound) else None for bound in bounds)
+    return {
+        "group": group,
+        "title": title,
+        "unit": unit,
+        "values": _finite(values, RESOLUTIONS[group]),
+        "lower": lower,
+        "upper": upper,
+        "rows": None,
+        "row": None,
+    }
+
+
+def _finite(values: Array, digits: int) -> list[float | None]:
+    """Rounded numbers, None where a value is not finite."""
+    return [round(value, digits) if np.isfinite(value) else None for value in values.tolist()]
+
+
+def _rounded(values: Array, digits: int) -> list[float]:
+    return [round(value, digits) for value in np.asarray(values).tolist()]
