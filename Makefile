@@ -48,6 +48,7 @@ docs: venv  ## the book, in out/docs; a warning is an error
 	@echo "the book: out/docs/index.html"
 
 bench: venv  ## speed, robustness, comparisons with other planners and MuJoCo, printed as tables
+	$(BIN)/python -m benchmarks.startup
 	$(BIN)/python -m benchmarks.speed
 	$(BIN)/python -m benchmarks.random_problems
 	$(BIN)/python -m benchmarks.driving_problems

@@ -31,12 +31,12 @@ from benchmarks.harness import (
 )
 from benchmarks.problems.arm import random_problem
 from benchmarks.problems.paper import paper_1
+from zmp_sqp.blas import one_blas_thread
 from zmp_sqp.planning.search.blind import certified_blind_motion
 from zmp_sqp.planning.search.explore import explore
 from zmp_sqp.planning.search.prove import prove
 from zmp_sqp.planning.search.refine import refine
 from zmp_sqp.planning.search.run import Runs
-from zmp_sqp.planning.search.single_thread import one_blas_thread
 from zmp_sqp.planning.search.task import task_of
 from zmp_sqp.scenario import load_scenario
 

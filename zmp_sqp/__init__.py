@@ -3,8 +3,8 @@
 The road of the data runs one way: URDF -> Machine -> Problem -> QPs -> Trajectory -> Plan.
 """
 
-from zmp_sqp.charts import LoadChart, SwingChart, load_chart, swing_chart
-from zmp_sqp.control import Planner, plan_stop
+from typing import TYPE_CHECKING
+
 from zmp_sqp.errors import (
     ContactLost,
     Interrupted,
@@ -19,55 +19,78 @@ from zmp_sqp.errors import (
     UnboundedAcceleration,
     ZmpSqpError,
 )
+from zmp_sqp.lazy import at_first_use
 from zmp_sqp.mechanics import (
     Ground,
-    Heightmap,
-    Inspection,
     JointLimits,
     Machine,
     Payload,
     Slope,
     StabilityMeasures,
     SupportPolygon,
-    inspect,
     load_machine,
     shipped_machines,
     stability_margin,
     stability_measures,
     zmp,
 )
-from zmp_sqp.motion import RecordedMotion, export_motion, read_motion
 from zmp_sqp.planning import (
-    BaseMotion,
     Certificate,
-    Diagnosis,
     DistanceLimits,
     Guarantee,
     PathConstraint,
-    Plan,
     Problem,
-    SlewInsight,
-    Status,
     Trajectory,
     UnicycleBase,
-    analytic_slew,
-    analytic_slew_duration,
-    base_acceleration_bound,
     certify,
-    diagnose,
-    moving_base_zmp,
-    phase_plane,
-    plan,
-    plan_base,
-    slew_insight,
-    table,
     trajectory_zmp,
 )
 from zmp_sqp.planning.constraints import registry as _registry
 from zmp_sqp.planning.constraints.registry import *  # noqa: F403 - what is known by name
-from zmp_sqp.rigorous import RigorousCheck, RigorousGuarantee, check_rigorously
-from zmp_sqp.simulation import Replay, replay
-from zmp_sqp.studies import plan_many
+
+if TYPE_CHECKING:
+    from zmp_sqp.charts import LoadChart, SwingChart, load_chart, swing_chart
+    from zmp_sqp.control import Planner, plan_stop
+    from zmp_sqp.mechanics import Heightmap, Inspection, inspect
+    from zmp_sqp.motion import RecordedMotion, export_motion, read_motion
+    from zmp_sqp.planning import (
+        BaseMotion,
+        Diagnosis,
+        Plan,
+        SlewInsight,
+        Status,
+        analytic_slew,
+        analytic_slew_duration,
+        base_acceleration_bound,
+        diagnose,
+        moving_base_zmp,
+        phase_plane,
+        plan,
+        plan_base,
+        slew_insight,
+        table,
+    )
+    from zmp_sqp.rigorous import RigorousCheck, RigorousGuarantee, check_rigorously
+    from zmp_sqp.simulation import Replay, replay
+    from zmp_sqp.studies import plan_many
+else:
+    __getattr__, __dir__ = at_first_use(
+        __name__,
+        {
+            "zmp_sqp.charts": "LoadChart SwingChart load_chart swing_chart",
+            "zmp_sqp.control": "Planner plan_stop",
+            "zmp_sqp.mechanics": "Heightmap Inspection inspect",
+            "zmp_sqp.motion": "RecordedMotion export_motion read_motion",
+            "zmp_sqp.planning": (
+                "BaseMotion Diagnosis Plan SlewInsight Status analytic_slew "
+                "analytic_slew_duration base_acceleration_bound diagnose moving_base_zmp "
+                "phase_plane plan plan_base slew_insight table"
+            ),
+            "zmp_sqp.rigorous": "RigorousCheck RigorousGuarantee check_rigorously",
+            "zmp_sqp.simulation": "Replay replay",
+            "zmp_sqp.studies": "plan_many",
+        },
+    )
 
 __version__ = "0.1.0"
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from scipy.spatial import ConvexHull
 
 from zmp_sqp.errors import MachineError
 from zmp_sqp.mechanics.support import SupportPolygon
@@ -84,6 +85,25 @@ def test_hull_drops_inner_and_collinear_points() -> None:
     hull = SupportPolygon.convex_hull(grid, height=0.2)
     assert sorted(hull.vertices.tolist()) == [[-1, -2], [-1, 2], [1, -2], [1, 2]]
     assert hull.height == 0.2
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_hull_has_the_corners_that_qhull_finds(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    angle = np.sort(rng.uniform(0.0, 2.0 * np.pi, 40))
+    clouds = (
+        rng.normal(size=(rng.integers(3, 12), 2)),
+        rng.uniform(-3.0, 3.0, (2000, 2)),
+        rng.integers(-4, 5, (60, 2)).astype(float),  # collinear and repeated points
+        np.column_stack([np.cos(angle), np.sin(angle)]) + rng.normal(size=2),
+        rng.uniform(-1.0, 1.0, (300, 2)) * [1e3, 1e-3] + 1e3,
+    )
+    for points in clouds:
+        found = SupportPolygon.convex_hull(points).vertices
+        expected = points[ConvexHull(points).vertices]
+        np.testing.assert_array_equal(found, np.roll(found, -np.lexsort(found.T[::-1])[0], axis=0))
+        start = np.lexsort(expected.T[::-1])[0]
+        np.testing.assert_array_equal(found, np.roll(expected, -start, axis=0))
 
 
 @pytest.mark.parametrize(

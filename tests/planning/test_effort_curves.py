@@ -282,3 +282,12 @@ def test_the_guaranteed_margin_is_within_20_micrometres_of_dense_samples() -> No
     assert zs.certify(case.machine, case.trajectory, case.ground).margin == pytest.approx(
         least_sampled(case), abs=2e-5
     )
+
+
+def test_powers_of_chebyshev_polynomials_are_those_of_numpy() -> None:
+    for degree in (0, 1, 2, 7, 24, 40):
+        found = effort_curves._chebyshev_powers(degree)
+        for k in range(degree + 1):
+            expected = np.zeros(degree + 1)
+            expected[: k + 1] = np.polynomial.chebyshev.cheb2poly([0.0] * k + [1.0])
+            np.testing.assert_array_equal(found[:, k], expected)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from zmp_sqp.arrays import Array, finite_number, frozen_array
+from zmp_sqp.blas import one_blas_thread
 from zmp_sqp.control.measured import within_limits
 from zmp_sqp.control.memory import Memory
 from zmp_sqp.control.replan import Earlier, Effort, Remains, ready_motion, replanned
@@ -28,7 +29,6 @@ from zmp_sqp.planning.search.answer import Plan, Status
 from zmp_sqp.planning.search.keep_bound import REFUSED, SHORTEST_STEPS
 from zmp_sqp.planning.search.planner import answer
 from zmp_sqp.planning.search.run import Candidate, Runs
-from zmp_sqp.planning.search.single_thread import one_blas_thread
 from zmp_sqp.planning.search.task import lower_bound_of, task_of
 from zmp_sqp.sqp.result import IterationRecord
 

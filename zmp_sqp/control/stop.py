@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from zmp_sqp.arrays import Array
+from zmp_sqp.blas import one_blas_thread
 from zmp_sqp.control.measured import with_room_to_stop
 from zmp_sqp.errors import ProblemError
 from zmp_sqp.mechanics.ground import Ground, Slope
@@ -27,7 +28,6 @@ from zmp_sqp.planning.search.keep_bound import ABOVE
 from zmp_sqp.planning.search.planner import answer
 from zmp_sqp.planning.search.prove import Proven, prove
 from zmp_sqp.planning.search.run import Candidate, Runs
-from zmp_sqp.planning.search.single_thread import one_blas_thread
 from zmp_sqp.planning.search.task import Task, task_of
 from zmp_sqp.sqp.iterate import is_feasible
 from zmp_sqp.sqp.least_distance import EQUALITY, nearest_feasible

@@ -102,28 +102,20 @@ class SupportPolygon:
         Raises:
             MachineError: Fewer than three points, or all on one line.
         """
-        from scipy.spatial import ConvexHull, QhullError  # slow to import, and only needed here
-
         points = frozen_array(points, name="contact points", shape=(None, 2), error=MachineError)
         points = np.unique(points, axis=0)
-        try:
-            hull = points[ConvexHull(points).vertices]  # counter-clockwise
-        except (QhullError, ValueError):
-            raise MachineError(
-                f"{len(points)} contact points span no support polygon: they lie on one line"
-            ) from None
-        while True:
-            edges = np.roll(hull, -1, axis=0) - hull
-            keep = (np.roll(_turns(edges), 1) > STRAIGHT) & (
-                np.linalg.norm(edges, axis=1) >= REPEATED
-            )
+        hull = _hull(points)
+        while len(hull) > 2:
+            with np.errstate(over="ignore", divide="ignore", invalid="ignore"):  # tiny, huge edges
+                edges = np.roll(hull, -1, axis=0) - hull
+                turns, lengths = np.roll(_turns(edges), 1), np.linalg.norm(edges, axis=1)
+                keep = (turns > STRAIGHT) & (lengths >= REPEATED)
             if keep.all():
                 return cls(hull, height)
-            if keep.sum() < 3:
-                raise MachineError(
-                    f"{len(points)} contact points span no support polygon: they lie on one line"
-                )
             hull = hull[keep]
+        raise MachineError(
+            f"{len(points)} contact points span no support polygon: they lie on one line"
+        )
 
     @property
     def reach(self) -> float:
@@ -213,6 +205,31 @@ class SupportPolygon:
             raise MachineError(
                 f"a margin of {margin} m leaves nothing of the support polygon"
             ) from None
+
+
+def _hull(points: Array) -> Array:
+    """Corners of the convex hull, counter-clockwise from the first point, shape (H, 2).
+
+    Andrew's monotone chain (1979). Qhull finds the same corners, but is slow to import: it takes as
+    long as a plan.
+
+    Args:
+        points: Distinct points, sorted by x, then by y, shape (P, 2).
+    """
+
+    def chain(ordered: list[list[float]]) -> list[list[float]]:
+        kept: list[list[float]] = []
+        for x, y in ordered:
+            while len(kept) > 1:
+                (x0, y0), (x1, y1) = kept[-2:]
+                if (x1 - x0) * (y - y0) > (y1 - y0) * (x - x0):  # a turn to the left
+                    break
+                kept.pop()
+            kept.append([x, y])
+        return kept[:-1]
+
+    ordered = points.tolist()
+    return np.array(chain(ordered) + chain(ordered[::-1])).reshape(-1, 2)
 
 
 def _turns(edges: Array) -> Array:

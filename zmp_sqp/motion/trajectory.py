@@ -13,8 +13,6 @@ from zmp_sqp.arrays import Array, Indices, finite_number, frozen_array
 from zmp_sqp.errors import TrajectoryError
 from zmp_sqp.mechanics.ground import Terrain
 from zmp_sqp.mechanics.machine import Machine
-from zmp_sqp.motion.trajectory_csv import read_csv, write_csv, write_csv_samples
-from zmp_sqp.motion.trajectory_json import read_json, write_json
 from zmp_sqp.motion.unicycle_motion import PLANE, UnicycleMotion
 
 __all__ = ["Trajectory"]
@@ -330,6 +328,8 @@ class Trajectory:
         Raises:
             TrajectoryError: See `sampled`.
         """
+        from zmp_sqp.motion.trajectory_csv import write_csv, write_csv_samples
+
         if rate is None:
             write_csv(path, self.joint_names, self.times, self.node_rows(), self.base)
             return
@@ -349,6 +349,8 @@ class Trajectory:
         Args:
             path: File to write.
         """
+        from zmp_sqp.motion.trajectory_json import write_json
+
         write_json(path, self.joint_names, self.times, self.node_rows(), self.base)
 
     def node_rows(self) -> tuple[Array, ...]:
@@ -382,6 +384,8 @@ class Trajectory:
             TrajectoryError: The file cannot be read, has other joints than the machine, lacks a
                 field, or does not contain a consistent motion.
         """
+        from zmp_sqp.motion.trajectory_json import read_json
+
         return cls.from_rows(machine, *read_json(path, machine.joint_names, ground))
 
     @classmethod
@@ -401,6 +405,8 @@ class Trajectory:
             TrajectoryError: The file cannot be read, lacks a column, has an unknown one, or does
                 not contain a consistent motion.
         """
+        from zmp_sqp.motion.trajectory_csv import read_csv
+
         return cls.from_rows(machine, *read_csv(path, machine.joint_names, ground))
 
     @classmethod

@@ -9,16 +9,19 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from zmp_sqp.errors import MachineError, ProblemError
-from zmp_sqp.mechanics import Heightmap, Machine, Payload, Slope, SupportPolygon, load_machine
+from zmp_sqp.mechanics import Machine, Payload, Slope, SupportPolygon, load_machine
 from zmp_sqp.mechanics.limits import without_unplanned
 from zmp_sqp.mechanics.uncertainty import com_box
 from zmp_sqp.planning.problem.checks import UNCERTAINTIES
 from zmp_sqp.scenario.schema import PLAN
+
+if TYPE_CHECKING:
+    from zmp_sqp.mechanics.terrain.heightmap import Heightmap
 
 __all__ = ["DEGREES", "build_ground", "build_machine", "build_uncertainties"]
 
@@ -77,6 +80,8 @@ def build_ground(table: Mapping[str, Any], folder: Path) -> Slope | Heightmap:
                 )
         return Slope(**{name: np.deg2rad(angle) for name, angle in angles.items()})
     options = dict(table["heightmap"])
+    from zmp_sqp.mechanics.terrain.heightmap import Heightmap  # only needed here
+
     return Heightmap.from_file(folder / options.pop("file"), **options)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from difflib import get_close_matches
 from math import isfinite
 from typing import Any
 
@@ -237,5 +236,7 @@ def _spell(allowed: Value | Table) -> str:
 
 def did_you_mean(key: str, names: Iterable[str]) -> str:
     """Question with the nearest of the names, to append to a message; empty if none is near."""
+    from difflib import get_close_matches  # only needed here
+
     close = get_close_matches(key, list(names), n=1)
     return f" (did you mean {close[0]}?)" if close else ""

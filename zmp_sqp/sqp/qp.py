@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse as sp
 
 from zmp_sqp.arrays import Array
 
@@ -75,6 +74,8 @@ class QP:
         Returns:
             QP in (x, t), whose last inequality is -t <= 0.
         """
+        import scipy.sparse as sp  # slow to import, and not needed by every plan
+
         H = sp.block_diag([self.H, sp.csc_matrix([[SLACK_CURVATURE]])], format="csc")
         A = self.A
         if A is not None:

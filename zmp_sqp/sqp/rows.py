@@ -5,13 +5,15 @@ from __future__ import annotations
 from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse as sp
 
 from zmp_sqp.arrays import Array, Indices
+
+if TYPE_CHECKING:
+    import scipy.sparse as sp
 
 __all__ = ["Pattern", "Rows"]
 
@@ -70,6 +72,8 @@ class Pattern:
 
     @cached_property
     def _template(self) -> sp.csc_matrix:
+        import scipy.sparse as sp  # slow to import, and not needed by every plan
+
         nothing = np.zeros(len(self.indices))
         return sp.csc_matrix((nothing, self.indices, self.indptr), shape=self.shape)
 
@@ -96,6 +100,8 @@ class Rows:
         """Rows selected by a mask (m,), CSC."""
         if mask.all():
             return self.matrix
+        import scipy.sparse as sp  # slow to import, and not needed by every plan
+
         matrix = self.matrix
         kept = np.flatnonzero(mask[matrix.indices])
         number = np.cumsum(mask, dtype=np.int32) - np.int32(1)

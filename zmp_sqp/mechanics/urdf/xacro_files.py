@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import subprocess
 import sys
 from collections.abc import Sequence
 from importlib.util import find_spec
@@ -45,6 +44,8 @@ def expanded(content: bytes, path: Path, package_dirs: Sequence[Path]) -> bytes:
             f"{path} is written in xacro: pip install zmp-sqp[xacro], "
             f"or expand it first (xacro {path.name} > machine.urdf)"
         )
+    import subprocess  # only needed here
+
     command = [sys.executable, "-P", "-B", str(CHILD), str(path), *map(str, package_dirs)]
     kept = {key: os.environ[key] for key in KEPT if key in os.environ}
     try:

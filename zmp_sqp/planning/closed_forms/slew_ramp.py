@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.special import ellipkinc
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.mechanics.ground import GRAVITY
@@ -99,6 +98,8 @@ class SlewRamp:
 
     def time(self, psi: Any) -> Any:
         """Time from rest to the rate w_top sin(psi) [s]."""
+        from scipy.special import ellipkinc  # slow to import, and only needed here
+
         m = -(self.rho - 1.0) / (self.rho + 1.0)
         scale = np.sqrt(self.insight.height / (GRAVITY * (self.rho + 1.0)))
         swing = ellipkinc(np.maximum(psi, self.handover), m) - ellipkinc(self.handover, m)

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse as sp
 
 from zmp_sqp.arrays import Array, Indices
 from zmp_sqp.planning.program.rows import StageExpansion
 from zmp_sqp.planning.program.stages import Stages
 from zmp_sqp.sqp.rows import Rows
+
+if TYPE_CHECKING:
+    import scipy.sparse as sp
 
 __all__ = ["CornerJacobian"]
 
@@ -60,6 +63,8 @@ class CornerJacobian:
 
     def selected(self, mask: Mask) -> sp.csc_matrix:
         """Rows selected by a mask (m,), CSC."""
+        import scipy.sparse as sp  # slow to import, and not needed by every plan
+
         rows = np.flatnonzero(mask[: self.nonlinear])
         interval, entries = self.derivatives(rows)
         entries[:, -1] += self._by_ends(interval, entries)

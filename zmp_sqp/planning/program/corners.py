@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-import scipy.linalg
 
 from zmp_sqp.arrays import Array, Indices
+from zmp_sqp.blas import scipy_linalg
 from zmp_sqp.mechanics.ground import Slope
 from zmp_sqp.mechanics.wrench import WRENCH
 from zmp_sqp.planning.constraints.protocol import StageModel
@@ -337,7 +337,7 @@ def _varying(values: Array) -> Array:
 
 def _basis(values: Array) -> tuple[Indices, Array]:
     """Indices (B,) of rows that span all V rows, and the weights (V, B) of the combinations."""
-    triangle, pivots = scipy.linalg.qr(values.T, mode="r", pivoting=True)
+    triangle, pivots = scipy_linalg().qr(values.T, mode="r", pivoting=True)
     size = np.abs(np.diag(triangle))
     chosen = np.sort(pivots[: int((size > RANK * size[0]).sum())])
     weights = np.linalg.lstsq(values[chosen].T, values.T, rcond=None)[0].T

@@ -24,7 +24,6 @@ from zmp_sqp.planning.problem.unicycle_base import UnicycleBase
 from zmp_sqp.planning.proof.base_check import base_guarantees
 from zmp_sqp.planning.proof.corner_efforts import CornerEfforts, grouped
 from zmp_sqp.planning.proof.corner_motion import CornerMotion, MotionEfforts, is_proven, row_scale
-from zmp_sqp.planning.proof.effort_chords import EffortChords
 from zmp_sqp.planning.proof.effort_curves import EffortCurves
 from zmp_sqp.planning.proof.limits_in_time import joints_least_duration, limit_guarantee
 from zmp_sqp.planning.proof.motion_checks import check_arguments, check_drift, reason_of_doubt
@@ -325,6 +324,8 @@ def _prove(
         if standing:
             efforts = EffortCurves.of(CornerEfforts(corners, trajectory, joints))
         else:
+            from zmp_sqp.planning.proof.effort_chords import EffortChords  # only needed here
+
             efforts = EffortChords.of(corners[0], trajectory, joints=joints)
         motion = CornerMotion(corners, trajectory, efforts, rows)
         wanted = [

@@ -410,10 +410,19 @@ def _to_powers(degree: int) -> Array:
     # discrete orthogonality: column k of the values has the squared norm (degree + 1) / 2
     to_chebyshev = (2.0 / (degree + 1.0)) * values.T
     to_chebyshev[0] *= 0.5
-    powers = np.zeros((degree + 1, degree + 1))
-    for k in range(degree + 1):
-        powers[: k + 1, k] = np.polynomial.chebyshev.cheb2poly([0.0] * k + [1.0])
-    return np.asarray(powers @ to_chebyshev)
+    return np.asarray(_chebyshev_powers(degree) @ to_chebyshev)
+
+
+def _chebyshev_powers(degree: int) -> Array:
+    """Coefficients of powers in row i of Chebyshev polynomial k in column k: exact integers.
+
+    By T_{k+1} = 2 w T_k - T_{k-1}; numpy's `cheb2poly` takes milliseconds for the same numbers.
+    """
+    powers = np.eye(degree + 1)
+    for k in range(1, degree):
+        powers[1:, k + 1] = 2.0 * powers[:-1, k]
+        powers[:, k + 1] -= powers[:, k - 1]
+    return powers
 
 
 @cache

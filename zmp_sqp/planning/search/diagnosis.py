@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from zmp_sqp.blas import one_blas_thread
 from zmp_sqp.errors import ProblemError, ZmpSqpError
 from zmp_sqp.mechanics.ground import Ground, Slope
 from zmp_sqp.planning.problem.problem import Problem
 from zmp_sqp.planning.problem.statics import gentler, largest_share, tilt_of
 from zmp_sqp.planning.search.answer import Plan, Status
-from zmp_sqp.planning.search.single_thread import one_blas_thread
 from zmp_sqp.planning.search.trials import Found, Trials
 
 __all__ = ["Diagnosis", "diagnose"]

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from zmp_sqp.arrays import finite_number
+from zmp_sqp.blas import one_blas_thread
 from zmp_sqp.errors import ProblemError
 from zmp_sqp.motion.trajectory import Trajectory
 from zmp_sqp.planning.problem.problem import Problem
@@ -18,7 +19,6 @@ from zmp_sqp.planning.search.messages import failure_message, success_message
 from zmp_sqp.planning.search.prove import Proven, prove
 from zmp_sqp.planning.search.refine import refine
 from zmp_sqp.planning.search.run import Runs
-from zmp_sqp.planning.search.single_thread import one_blas_thread
 from zmp_sqp.planning.search.task import Task, task_of
 from zmp_sqp.sqp.result import IterationRecord
 
@@ -91,6 +91,7 @@ def without_search(task: Task) -> Proven | None:
 
 def searched(task: Task, runs: Runs) -> Proven:
     """Fastest motion that the three steps of the search find, or their last motion."""
+    runs.load()
     found = explore(task, runs)
     refined = refine(task, found, runs)
     return prove(task, refined, runs)

@@ -7,9 +7,9 @@ from dataclasses import replace
 import daqp
 import numpy as np
 import numpy.typing as npt
-import scipy.linalg as sla
 
 from zmp_sqp.arrays import Array
+from zmp_sqp.blas import scipy_linalg
 from zmp_sqp.sqp.qp import QP, QPSolution
 
 __all__ = ["ActiveSetMethod"]
@@ -76,12 +76,12 @@ class ActiveSetMethod:
             diagonal < PROXIMAL * steepness
         )
         self._proximal = np.where(steep & has_rows, PROXIMAL * steepness, 0.0)
-        curvature = H + A.T @ A
+        curvature, cholesky = H + A.T @ A, scipy_linalg().cholesky
         largest = max(float(np.abs(diagonal).max(initial=0.0)), LEAST_CURVATURE)
         for shift in (0.0, SHIFT * largest):
             proximal = self._proximal + shift
             try:
-                factor = sla.cholesky(curvature + np.diag(proximal), lower=True, check_finite=False)
+                factor = cholesky(curvature + np.diag(proximal), lower=True, check_finite=False)
             except np.linalg.LinAlgError:
                 continue
             self.is_ready, self._proximal, self._cholesky = True, proximal, factor
@@ -160,12 +160,10 @@ class ActiveSetMethod:
 
     def _from_left(self, right: Array) -> Array:
         """L^{-1} times a vector or a matrix."""
-        return np.asarray(
-            sla.solve_triangular(self._cholesky, right, lower=True, check_finite=False)
-        )
+        solve = scipy_linalg().solve_triangular
+        return np.asarray(solve(self._cholesky, right, lower=True, check_finite=False))
 
     def _from_right(self, w: Array) -> Array:
         """L^{-T} w."""
-        return np.asarray(
-            sla.solve_triangular(self._cholesky, w, lower=True, trans="T", check_finite=False)
-        )
+        solve = scipy_linalg().solve_triangular
+        return np.asarray(solve(self._cholesky, w, lower=True, trans="T", check_finite=False))

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from zmp_sqp.arrays import Array
 from zmp_sqp.sqp.backends.piqp import PIQP
-from zmp_sqp.sqp.backends.proxqp import ProxQP
 from zmp_sqp.sqp.qp import QP, QPSolution
+
+if TYPE_CHECKING:
+    from zmp_sqp.sqp.backends.proxqp import ProxQP
 
 __all__ = ["Auto"]
 
@@ -25,7 +29,8 @@ class Auto:
 
     def __init__(self) -> None:
         """Create the backend, with no QP yet."""
-        self._piqp, self._proxqp = PIQP(), ProxQP()
+        self._piqp = PIQP()
+        self._proxqp: ProxQP | None = None  # loads DAQP and more, which most plans do not need
         self._last: PIQP | ProxQP = self._piqp
 
     def solve(
@@ -37,8 +42,8 @@ class Auto:
             qp, tolerance, iterations, warm: Arguments of `QPBackend.solve`.
         """
         if warm is not None and qp.size <= CROSSOVER and warm.z.any():
-            self._last = self._proxqp
-            found = self._proxqp.solve(qp, tolerance=tolerance, iterations=iterations, warm=warm)
+            self._last = proxqp = self._proxqp or self._load_proxqp()
+            found = proxqp.solve(qp, tolerance=tolerance, iterations=iterations, warm=warm)
             if found.solved:
                 return found
         self._last = self._piqp
@@ -47,3 +52,9 @@ class Auto:
     def solve_again(self, u: Array, b: Array) -> QPSolution:
         """Solution of the last QP with other right-hand sides, by the solver that solved it."""
         return self._last.solve_again(u, b)
+
+    def _load_proxqp(self) -> ProxQP:
+        from zmp_sqp.sqp.backends.proxqp import ProxQP
+
+        self._proxqp = ProxQP()
+        return self._proxqp

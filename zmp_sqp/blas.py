@@ -1,0 +1,64 @@
+"""BLAS on one thread, because matrices of planning are too small for more, and `scipy.linalg`."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import lru_cache
+from typing import Any
+
+__all__ = ["one_blas_thread", "scipy_linalg"]
+
+_lock = threading.RLock()
+_inside = 0  # calls that are inside `one_blas_thread`
+_limiters: list[Any] = []  # while any call is inside: each sets a limit, and lifts it at its exit
+
+
+@lru_cache(maxsize=1)
+def _controller() -> Any:
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()  # cached: it searches all loaded libraries, which is slow
+
+
+def _limit() -> None:
+    """Limit all libraries of BLAS that are loaded now."""
+    _limiters.append(_controller().limit(limits=1, user_api="blas"))
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Context manager and decorator within which BLAS uses one thread.
+
+    Several Python threads may be inside at the same time: the first to enter sets the limit, the
+    last to leave lifts it. On two cores a plan with two BLAS threads takes 1.5 times as long as
+    with one, and its last digits would depend on the number of threads.
+    """
+    global _inside
+    with _lock:
+        if not _inside:
+            _limit()
+        _inside += 1
+    try:
+        yield
+    finally:
+        with _lock:
+            _inside -= 1
+            while _limiters and not _inside:
+                _limiters.pop().restore_original_limits()
+
+
+@lru_cache(maxsize=1)
+def scipy_linalg() -> Any:
+    """`scipy.linalg`, imported by the first call: it takes as long as numpy, and few plans need it.
+
+    It brings a BLAS of its own, which gets the limit of calls that are inside `one_blas_thread`.
+    """
+    import scipy.linalg
+
+    with _lock:
+        _controller.cache_clear()  # which has not seen this library
+        if _inside:
+            _limit()
+    return scipy.linalg
