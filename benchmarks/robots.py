@@ -34,7 +34,7 @@ from benchmarks.harness import (
     save_json,
     timed_plan,
 )
-from benchmarks.problems.differences import zmp_by_differences
+from benchmarks.problems.differences import SHORTEST, zmp_by_differences
 from benchmarks.problems.robots import (
     load_robot,
     random_problems,
@@ -101,6 +101,8 @@ def _plan(path: Path, problem: zs.Problem) -> Row:
     plan, row = timed_plan(problem)
     if not plan.success:
         return row | {"solved": False, "error": None}
+    if plan.duration < SHORTEST:  # the goal is the start: there are no differences to take
+        return row | {"solved": plan.certificate.safe, "error": None}
     machine, ground = problem.machine, problem.ground
     t, points = zmp_by_differences(path, machine, plan.trajectory, ground, SAMPLES)
     error = float(np.abs(points - zs.zmp(machine, *plan.trajectory(t), ground)).max())
@@ -178,12 +180,20 @@ def main() -> int:
         f"{loaded} of {len(rows)} robots load; {len(based)} have an arm on a base, and {solved} "
     )
     result += f"of their {problems} problems are solved"
+    others = [row for row in rows if row["problems"] and row not in based]
+    if others:
+        of_others, of_them = (sum(row[key] for row in others) for key in ("solved", "problems"))
+        result += (
+            f"; of {len(others)} others, which stand in fewer than half of random poses, "
+            f"{of_others} of {of_them}"
+        )
     console.print(result)
     if options.json is not None:
         summary = {"F": F, "loaded": loaded, "problems": problems, "solved": solved}
         save_json(options.json, summary, rows=rows, columns=COLUMNS)
     if options.markdown is not None:
-        text = f"Made by python -m benchmarks.robots --markdown. {result}.\n\n{markdown(rows, F)}"
+        command = f"python -m benchmarks.robots --count {options.count} --markdown"
+        text = f"Made by {command}. {result}.\n\n{markdown(rows, F)}"
         options.markdown.write_text(text, encoding="utf-8")
     enough = options.only or loaded >= LEAST_LOADED
     return exit_code(success=bool(enough) and solved >= LEAST_SOLVED * problems)

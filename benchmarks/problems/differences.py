@@ -16,7 +16,7 @@ import pinocchio as pin
 
 import zmp_sqp as zs
 
-__all__ = ["zmp_by_differences"]
+__all__ = ["SHORTEST", "zmp_by_differences"]
 
 STEP = 2e-4  # [s] least error of second differences: rounding 1e-16 / STEP^2 against STEP^2
 SHORTEST = 1e-3  # [s] interval in which differences still have enough digits

@@ -22,7 +22,8 @@ from zmp_sqp.sqp.result import SQPStatus
 
 __all__ = ["Found", "Trials"]
 
-PACE = 2.0  # duration of the first guess per lower bound: slow, as any safe motion will do
+# durations of first guesses per lower bound: slow, as any safe motion will do
+PACES = (2.0, 5.0)
 SPARE = 1.01  # longer than where a run of the SQP ended, which only comes near feasibility
 INSIDE = 1e-3  # [m] by which the ZMP is kept further inside, so that the proof succeeds
 MOST_ITERATIONS = 20  # of one run of the SQP
@@ -83,16 +84,20 @@ class Trials:
         """Motion of `by_steps` or else of an SQP run on a coarse grid; None if both fail."""
         if (found := self.by_steps(problem)) is not None:
             return found
-        task, most = task_of(problem), min(MOST_ITERATIONS, self.iterations)
-        controls, duration = self._guess(task)
-        program = task.program(duration, Grid.of(len(controls)))
-        settings = replace(COARSE, max_iterations=most)
-        runs, point = self._runs(), program.pack(controls, duration**2)
-        near = runs.minimize(program, point, settings)
-        self.iterations -= len(near.result.history)
-        if near.result.status not in NEAR:
-            return None
-        return self._feasible(task, near.controls, SPARE * near.duration)
+        task = task_of(problem)
+        for pace in PACES if self.last is None else PACES[:1]:
+            most = min(MOST_ITERATIONS, self.iterations)
+            if most <= 0:
+                break
+            controls, duration = self._guess(task, pace)
+            program = task.program(duration, Grid.of(len(controls)))
+            settings = replace(COARSE, max_iterations=most)
+            runs, point = self._runs(), program.pack(controls, duration**2)
+            near = runs.minimize(program, point, settings)
+            self.iterations -= len(near.result.history)
+            if near.result.status in NEAR:
+                return self._feasible(task, near.controls, SPARE * near.duration)
+        return None
 
     def _feasible(self, task: Task, controls: Array, duration: float) -> Found | None:
         inside = Tightening().by("tip_over", INSIDE)
@@ -105,13 +110,13 @@ class Trials:
         self.last = Found(task, np.asarray(program.unpack(nearest.point)[2]), duration)
         return self.last
 
-    def _guess(self, task: Task) -> tuple[Array, float]:
+    def _guess(self, task: Task, pace: float = PACES[0]) -> tuple[Array, float]:
         """Accelerations T^2 a on a coarse grid, shape (N, 2, n), and duration T [s]."""
         if self.last is not None:
             return self.last.controls, self.last.duration
         intervals = task.problem.first_intervals
         size = intervals // intervals_per_coarse_one(intervals)
-        return task.guess(PACE * task.least, size, smooth=True)
+        return task.guess(pace * task.least, size, smooth=True)
 
     def _runs(self) -> Runs:
         return Runs.start(self.qp_solver, self.time_budget, None)
