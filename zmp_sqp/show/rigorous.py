@@ -52,7 +52,7 @@ def rigorous_table(found: RigorousCheck) -> Table:
     from rich.text import Text
 
     heads = ("verdict", "asked for", "at least", "at most", "at [s]")
-    table = new_table("second opinion: room", *heads)
+    table = new_table("second opinion", *heads)
     for one in found.guarantees:
         if one.verdict is Verdict.CONFIRMED and one.label.startswith(ARRIVALS):
             continue
