@@ -150,6 +150,38 @@ def test_the_ground_leans_as_gravity_does(planned: dict) -> None:
     assert (turn @ [0.0, 1.0, 0.0])[2] == pytest.approx(-np.sin(np.radians(20.0)), abs=1e-5)
 
 
+def test_the_stability_blind_motion_falls_over_to_the_left(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    page = tmp_path / "report.html"
+    result = result_of(tmp_path, "paper_1", "--html", str(page))
+    fall = result["record"]["blind"]["fall"]
+    poses = [pin.XYZQUATToSE3(np.array(pose)) for pose in fall["root"]]
+    up = np.array([(poses[0].inverse() * pose).rotation[:, 2] for pose in poses])
+    assert fall["over"]
+    assert 1.0 < fall["times"][np.flatnonzero(up[:, 2] < np.cos(0.01))[0]] < 2.0  # [s]
+    assert up[-1, 1] == pytest.approx(np.sin(np.pi / 4), abs=0.02)  # leans by 45 degrees
+    assert "fall" in page.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("opinion", "words"),
+    [
+        (None, ""),
+        ({"confirmed": True, "guarantees": []}, "ball arithmetic confirms every guarantee"),
+        (
+            {"confirmed": False, "guarantees": [{"name": "tip_over", "verdict": "refuted"}]},
+            "does not confirm: tip_over (refuted)",
+        ),
+    ],
+)
+def test_a_second_opinion_is_in_the_verdict(
+    planned: dict, opinion: dict | None, words: str
+) -> None:
+    page = make_page([planned | {"rigorous": opinion}])
+    assert words in page
+    assert ("second opinion" in page.replace("scenario", "").lower()) == bool(opinion)
+
+
 def test_charts_hold_the_limits_of_every_joint(planned: dict) -> None:
     machine = load_scenario("paper_1").problem.machine
     charts = {

@@ -191,8 +191,8 @@ def run_plan(arguments: argparse.Namespace) -> int:
             announce=line.say,
         )
     baseline = _baseline(problem)
-    result = make_result(scenario, found, baseline) | make_record(scenario, found, baseline)
-
+    result = make_result(scenario, found, baseline)
+    result |= make_record(scenario, found, baseline, simulate=arguments.html is not None)
     console = make_console(arguments.json)
     console.print(f"{scenario.name}: {scenario.title}", style="bold", soft_wrap=True)
     if arguments.verbose:

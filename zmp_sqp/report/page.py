@@ -10,7 +10,13 @@ from typing import Any
 
 from zmp_sqp.arrays import shortened
 from zmp_sqp.errors import ScenarioError
-from zmp_sqp.report.verdict import guarantee_rows, rests_on_rows, table, verdict_line
+from zmp_sqp.report.verdict import (
+    guarantee_rows,
+    rests_on_rows,
+    second_opinion,
+    table,
+    verdict_line,
+)
 
 __all__ = ["make_page", "read_plan"]
 
@@ -119,7 +125,7 @@ def _article(number: int, result: Mapping[str, Any]) -> str:
 <header class="verdict {kind}">
 <h2>{escape(str(result["scenario"]))}: {escape(str(result["title"]))}</h2>
 <p class="line">{verdict_line(result)}</p>
-<p>{message}</p></header>
+<p>{message} {second_opinion(result)}</p></header>
 <div class="stage">
 <figure class="view" aria-label="The machine in 3-D"><div class="canvas"></div>
 <figcaption class="now" role="status"></figcaption></figure>

@@ -16,9 +16,10 @@ from zmp_sqp.mechanics.urdf.sources import find_machine
 from zmp_sqp.motion.trajectory_json import json_content
 from zmp_sqp.planning import Plan, Problem, Trajectory
 from zmp_sqp.report.parts import machine_parts, pose_entries
-from zmp_sqp.report.sampling import MotionSamples
+from zmp_sqp.report.sampling import MotionSamples, root_at_rest
 from zmp_sqp.scenario import Scenario
 from zmp_sqp.scenario.load import read_content
+from zmp_sqp.simulation import replay
 
 __all__ = ["RECORD_KEYS", "make_record"]
 
@@ -28,21 +29,26 @@ RECORD_KEYS = """\
   record                    what zmp-sqp report shows beside this, rounded for display: parts of
                             the machine, support polygon, ground, samples of the motion (without
                             success of the last one of the search, which is not safe) and of the
-                            phase-plane baseline; null if no motion can be shown
+                            phase-plane baseline, with --html also how that one tips the
+                            machine over in MuJoCo; null if no motion can be shown
 """
 SAMPLES, BLIND_SAMPLES = 300, 200  # of a motion, about
+FALL_SAMPLES = 200  # of a simulation
 MOST_HEIGHTS = 90  # rows and columns of a terrain that is drawn
 RESOLUTIONS = {"position": 6, "rate": 6, "acceleration": 5}  # digits behind the point
 UP = np.array([0.0, 0.0, 1.0])
 
 
-def make_record(scenario: Scenario, found: Plan, baseline: Trajectory | None) -> dict[str, Any]:
+def make_record(
+    scenario: Scenario, found: Plan, baseline: Trajectory | None, *, simulate: bool = False
+) -> dict[str, Any]:
     """Entries `RECORD_KEYS` of the results of a plan, ready for JSON.
 
     Args:
         scenario: Where machine and meshes come from.
         found: The plan.
         baseline: Stability-blind motion between the plan's start and goal; None if there is none.
+        simulate: Whether to simulate how that motion tips the machine over, if MuJoCo is installed.
     """
     try:
         text = scenario.path.read_text(encoding="utf-8")
@@ -52,11 +58,10 @@ def make_record(scenario: Scenario, found: Plan, baseline: Trajectory | None) ->
     if found.success:
         safe = found.trajectory
         nodes = json_content(safe.joint_names, safe.times, safe.node_rows(), safe.base)
-    return {
-        "scenario_text": text,
-        "trajectory": nodes,
-        "record": None if motion is None else _record(scenario, found.problem, motion, baseline),
-    }
+    record = motion and _record(scenario, found.problem, motion, baseline)
+    if record and baseline and simulate:
+        record["blind"]["fall"] = _fall(found.problem, baseline)
+    return {"scenario_text": text, "trajectory": nodes, "record": record}
 
 
 def _record(
@@ -78,7 +83,32 @@ def _record(
         "parts": parts,
         "plan": _motion(problem, samples, joints) | {"charts": list(_charts(problem, samples))},
         "blind": baseline
-        and _motion(problem, MotionSamples.of(problem, baseline, BLIND_SAMPLES), joints),
+        and _motion(problem, MotionSamples.of(problem, baseline, BLIND_SAMPLES), joints)
+        | {"fall": None},
+    }
+
+
+def _fall(problem: Problem, baseline: Trajectory) -> dict[str, Any] | None:
+    """Simulated poses of the root, ground frame; None if the machine stays or nothing simulates.
+
+    Returns:
+        `times` [s], `root` (poses), and `over`: whether it tilted by 45 degrees in the end.
+    """
+    try:
+        found = replay(problem.machine, baseline, problem.ground)
+    except ZmpSqpError:  # MuJoCo is not installed, or cannot simulate this machine
+        return None
+    if not found.tipped:
+        return None
+    chosen = np.linspace(0, len(found.times) - 1, FALL_SAMPLES).astype(int)
+    positions, rotations = root_at_rest(problem)
+    rest = pin.SE3(rotations, positions)
+    x, y, z, w, i, j, k = found.poses[chosen].T
+    poses = np.column_stack([x, y, z, i, j, k, w])  # MuJoCo's quaternions begin with w
+    return {
+        "times": _rounded(found.times[chosen], 4),
+        "root": [pose_entries(rest * pin.XYZQUATToSE3(pose)) for pose in poses],
+        "over": found.fell,
     }
 
 

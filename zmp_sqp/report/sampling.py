@@ -19,7 +19,7 @@ from zmp_sqp.planning.constraints.protocol import MotionSample, PathConstraint
 from zmp_sqp.planning.constraints.tip_over import Contact, TipOver
 from zmp_sqp.planning.proof.corner_efforts import CornerEfforts, grouped
 
-__all__ = ["ConstraintRoom", "MotionSamples"]
+__all__ = ["ConstraintRoom", "MotionSamples", "root_at_rest"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -118,6 +118,12 @@ def _root(problem: Problem, poses: Array) -> tuple[Array, Array]:
     else:
         positions, rotations = terrain_of(problem.ground).base_pose(poses)
     return positions - _height(problem) * rotations[:, :, 2], rotations
+
+
+def root_at_rest(problem: Problem) -> tuple[Array, Array]:
+    """Position (3,) [m] and rotation (3, 3) in the ground frame of a root that stands still."""
+    positions, rotations = _root(problem, np.zeros((1, 3)))
+    return positions[0], rotations[0]
 
 
 def _zmp(wrench: Array, height: float) -> Array:

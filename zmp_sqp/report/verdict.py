@@ -8,7 +8,7 @@ from typing import Any
 
 from zmp_sqp.planning.constraints.guarantee import amount_in_words
 
-__all__ = ["guarantee_rows", "number", "rests_on_rows", "table", "verdict_line"]
+__all__ = ["guarantee_rows", "number", "rests_on_rows", "second_opinion", "table", "verdict_line"]
 
 HEADS = {
     "looked_at": "looked at",
@@ -50,6 +50,22 @@ def verdict_line(result: Mapping[str, Any]) -> str:
         f"<strong>{safe}.</strong> {number(duration, f'{duration:.4f} s')}{gap}; the ZMP keeps "
         f"at least {words} from every edge ({asked:g} m asked for){where}."
     )
+
+
+def second_opinion(result: Mapping[str, Any]) -> str:
+    """Sentence about the second opinion of `--rigorous`, as HTML; empty without one."""
+    opinion = result.get("rigorous")
+    if not opinion:
+        return ""
+    if opinion["confirmed"]:
+        return "A second opinion in ball arithmetic confirms every guarantee that it looks at."
+    doubted = [
+        f"{found['name']} ({found['verdict']})"
+        for found in opinion["guarantees"]
+        if found["verdict"] in ("refuted", "undecided")
+    ]
+    words = escape(", ".join(doubted))
+    return f'<span class="broken">A second opinion does not confirm: {words}.</span>'
 
 
 def guarantee_rows(result: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:

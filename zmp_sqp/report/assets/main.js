@@ -49,8 +49,14 @@
       const bad = margin === null || margin < 0;
       now.classList.toggle("bad", bad);
       now.textContent = `${bad ? "\u2717 outside, tips over: " : ""}margin ${inWords(margin, "m")}`
-        + (blind ? `; stability-blind: ${blindMargin === null ? "lifts off" : `${blindMargin < 0 ? "\u2717 " : ""}${inWords(blindMargin, "m")}`}` : "");
+        + (blind ? `; stability-blind: ${blindWords(record.blind, blindMargin, t)}` : "");
     } };
+  }
+
+  function blindWords(motion, margin, t) {
+    const { fall } = motion;
+    if (fall && fall.over && t >= fall.times[fall.times.length - 1]) return "\u2717 fallen over (simulated)";
+    return margin === null ? "\u2717 lifts off" : `${margin < 0 ? "\u2717 " : ""}${inWords(margin, "m")}`;
   }
 
   function seek(t) {
@@ -104,6 +110,11 @@
     setTimeout(() => URL.revokeObjectURL(link.href), 1000);
   }
 
+  function printing(on) {
+    for (const { view } of panels) if (view) { view.printing = on; view.render(); }
+    if (on) for (const details of document.querySelectorAll("details")) details.open = true;
+  }
+
   slider.max = span;
   slider.addEventListener("input", () => { toggle(false); seek(Number(slider.value)); });
   play.addEventListener("click", () => toggle(!playing));
@@ -112,6 +123,8 @@
   byId("dark").addEventListener("click", () => darken(!document.documentElement.classList.contains("dark")));
   byId("save").addEventListener("click", save);
   document.addEventListener("keydown", keys);
+  window.addEventListener("beforeprint", () => printing(true));
+  window.addEventListener("afterprint", () => printing(false));
   ghost.parentElement.hidden = !shown.some(({ plan }) => plan.record.blind);
   document.querySelector(".transport").hidden = !shown.length;
   if (window.matchMedia("(prefers-color-scheme: dark)").matches) darken(true);

@@ -24,7 +24,6 @@ class View {
     this.plan = this.addMachine(record.plan, null);
     this.addTrail(record.plan, full);
     this.blind = record.blind && this.addMachine(record.blind, GHOST);
-    if (this.blind) this.blind.root.position.y = 0;
     new ResizeObserver(() => this.resize()).observe(parent);
     this.preset("corner");
   }
@@ -82,13 +81,17 @@ class View {
       bodies[part.joint].add(mesh);
       if (part.kind === "box" && !ghost) mesh.add(new THREE.LineSegments(new THREE.EdgesGeometry(mesh.geometry), new THREE.LineBasicMaterial({ color: 0x222222 })));
     }
+    // what lies on the ground stays there while a ghost falls over
+    const rest = ghost ? new THREE.Group() : root;
+    if (ghost) rest.applyMatrix4(placed(motion.root[0]));
     const marker = new THREE.Mesh(new THREE.SphereGeometry(0.013 * this.size, 20, 14), overlay({ color: ghost ? 0x8899aa : 0xf0e442 }));
     marker.renderOrder = 4;
-    root.add(marker);
-    if (support) root.add(outline(support, ghost ? 0x8899aa : 0x000000, 0.005 * this.size));
+    rest.add(marker);
+    if (support) rest.add(outline(support, ghost ? 0x8899aa : 0x000000, 0.005 * this.size));
     const shift = new THREE.Group();
     if (ghost) shift.position.y = this.beside;
     shift.add(root);
+    if (ghost) shift.add(rest);
     this.ground.add(shift);
     return { motion, root, bodies, marker, shift };
   }
@@ -117,9 +120,10 @@ class View {
 
   // Move a machine to a time; returns its zero moment point and margin.
   move(machine, t) {
-    const { motion } = machine, at = locate(motion.times, t);
-    pose(machine.root, motion.root, at);
-    for (const [joint, group] of Object.entries(machine.bodies)) pose(group, motion.bodies[joint], at);
+    const { motion } = machine, at = locate(motion.times, t), { fall } = motion;
+    const arm = fall && fall.over ? locate(motion.times, Math.min(t, fall.times[fall.times.length - 1])) : at;
+    if (fall) pose(machine.root, fall.root, locate(fall.times, t)); else pose(machine.root, motion.root, at);
+    for (const [joint, group] of Object.entries(machine.bodies)) pose(group, motion.bodies[joint], arm);
     const point = pointAt(motion.zmp, at), margin = valueAt(motion.margin, at);
     machine.marker.visible = Boolean(point);
     if (point) machine.marker.position.set(point[0], point[1], this.record.support ? this.record.support.height : 0);
@@ -153,7 +157,8 @@ class View {
   }
 
   render() {
-    this.renderer.setClearColor(document.documentElement.classList.contains("dark") ? 0x1e242a : 0xe9eef3);
+    const dark = document.documentElement.classList.contains("dark") && !this.printing;
+    this.renderer.setClearColor(dark ? 0x1e242a : 0xe9eef3);
     this.renderer.render(this.scene, this.camera);
   }
 }
