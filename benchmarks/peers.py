@@ -38,6 +38,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -185,6 +186,11 @@ def print_rows(rows: Sequence[Row], totals: Sequence[Row], missing: dict[str, st
         console.print(f"{name}: not available, {reason}")
 
 
+def _number(value: Any) -> Any:
+    """A value for JSON, which has no NaN."""
+    return None if isinstance(value, float) and np.isnan(value) else value
+
+
 def main() -> int:
     parser = benchmark_parser(__doc__, count=10)
     parser.add_argument(
@@ -209,13 +215,14 @@ def main() -> int:
     if options.json is not None:
         content = {
             "not available": missing,
-            "summary": totals,
+            "summary": [{key: _number(value) for key, value in row.items()} for row in totals],
             "to look into": wrong,
             "toppra_discretisation": max(
                 (abs(row.get("discretisation", 0.0)) for row in rows), default=0.0
             ),
         }
-        save_json(options.json, content, rows=rows, columns=COLUMNS, digits=9)
+        written = [{key: _number(value) for key, value in row.items()} for row in rows]
+        save_json(options.json, content, rows=written, columns=COLUMNS, digits=9)
     return exit_code(success=not wrong)
 
 
