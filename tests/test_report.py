@@ -215,6 +215,16 @@ def test_a_drive_over_terrain_is_recorded(tmp_path: Path) -> None:
     assert record["blind"] is None
 
 
+def test_a_room_has_the_unit_of_its_row(tmp_path: Path) -> None:
+    """The forwarder's joints turn and slide: torques and forces are limited by one constraint."""
+    record = result_of(tmp_path, "forwarder_downhill")["record"]
+    chart = next(c for c in record["plan"]["charts"] if c["title"] == "torque_limits")
+    units = dict(zip(chart["rows"], chart["units"], strict=True))
+    assert set(units.values()) == {"N m", "N"}
+    assert units["slew torque"] == "N m"
+    assert min(chart["values"]) >= 0.0
+
+
 def cube_stl() -> bytes:
     corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)], dtype="<f4")
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]

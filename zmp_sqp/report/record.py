@@ -175,11 +175,12 @@ def _charts(problem: Problem, samples: MotionSamples) -> Iterator[dict[str, Any]
         yield {
             "group": "constraint",
             "title": found.name,
-            "unit": found.unit,
+            "unit": " or ".join(dict.fromkeys(found.units)),
             "values": _finite(found.room, 6),
             "lower": 0.0,
             "upper": None,
             "rows": list(found.labels),
+            "units": list(found.units),
             "row": found.row.tolist(),
         }
     machine, limits = problem.machine, problem.machine.limits
@@ -224,6 +225,7 @@ def _chart(
         "lower": lower,
         "upper": upper,
         "rows": None,
+        "units": None,
         "row": None,
     }
 

@@ -28,14 +28,14 @@ class ConstraintRoom:
 
     Attributes:
         name: Name of the constraint.
-        unit: Unit of the room; all units where rows have different ones.
+        units: Unit of each row.
         room: Room at K times, shape (K,); -inf where it has no value.
         row: Index in `labels` of the row with the least room, shape (K,).
         labels: Rows in words.
     """
 
     name: str
-    unit: str
+    units: tuple[str, ...]
     room: Array
     row: Indices
     labels: tuple[str, ...]
@@ -162,5 +162,4 @@ def _worst(name: str, rows: Any, room: Array) -> ConstraintRoom:
     scale = np.where(np.isfinite(rows.resolution), rows.resolution, 1.0)
     row = np.argmin(room / scale, axis=1)
     least = room[np.arange(len(row)), row]
-    unit = " or ".join(dict.fromkeys(rows.units))
-    return ConstraintRoom(name, unit, least, row, tuple(rows.labels))
+    return ConstraintRoom(name, tuple(rows.units), least, row, tuple(rows.labels))

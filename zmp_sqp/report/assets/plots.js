@@ -69,9 +69,8 @@ function drawChart(parent, chart, times, span, range, asked, seek) {
     cursor.setAttribute("d", `M${x(t).toFixed(2)} ${BOX.top}V${BOX.bottom}`);
     dot.setAttribute("visibility", value === null ? "hidden" : "visible");
     if (value !== null) { dot.setAttribute("cx", x(t).toFixed(2)); dot.setAttribute("cy", y(value).toFixed(2)); }
-    const row = chart.rows && chart.rows.length > 1 ? `, ${chart.rows[chart.row[at.w < 1 ? at.i : at.i + 1]]}` : "";
-    now.textContent = inWords(value, chart.unit) + row;
-    svg.dataset.time = t;
+    const row = chart.rows && chart.row[at.w < 1 ? at.i : at.i + 1], unit = chart.units ? chart.units[row] : chart.unit;
+    now.textContent = inWords(value, unit) + (chart.rows && chart.rows.length > 1 ? `, ${chart.rows[row]}` : "");
   };
 }
 
