@@ -46,6 +46,9 @@ REPLAN = 0.1  # [s] between plans along a motion
 LEFT = 0.15  # [s] of a motion from which on it is only followed to its end
 ADRIFT = 0.15  # [rad or m] tracking error beyond which the reference is given up
 GAIN = 2.0  # [1/s] of the position error, in the commanded rate
+# [s] of the drives at least: the commanded rate is that much ahead. Lags differ from joint to joint
+# and are not known well; a lead above the true lag would let accelerations overshoot
+LEAST_LAG = 0.03
 CONTINUES = 1e-5  # [rad, rad/s] largest jump of the reference that counts as none
 AT_GOAL = 1e-5  # [rad or m]
 NOW = 1e-6  # [s] times that are closer together are the same
@@ -64,9 +67,13 @@ class Executed:
 
     def reference(self, t: float) -> tuple[np.ndarray, np.ndarray]:
         """Joint coordinates and rates at a time [s]; at rest after the end of the motion."""
+        return self.state(t)[:2]
+
+    def state(self, t: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Joint coordinates, rates and accelerations at a time [s]."""
         motion = self.plan.trajectory
-        q, v, _ = motion(min(max(t - self.begins, 0.0), motion.duration))
-        return q, v
+        q, v, a = motion(min(max(t - self.begins, 0.0), motion.duration))
+        return q, v, a if t < self.ends else 0.0 * a
 
     @property
     def ends(self) -> float:
@@ -158,7 +165,7 @@ class Controller:
             q, v: Measured joint coordinates and rates, shape (n,).
         """
         self._take_over(t)
-        wanted, rate = self.now.reference(t)
+        wanted, rate, acceleration = self.now.state(t)
         drifted = bool(np.abs(wanted - q).max() > ADRIFT)
         why = self._reason(t, drifted=drifted)
         if why:
@@ -166,7 +173,8 @@ class Controller:
             measured = q + (begins - t) * v, v
             self._plan(t, why, begins, measured if drifted else self.now.reference(begins))
         most = self.planner.machine.limits.velocity
-        return np.clip(rate + GAIN * (wanted - q), -most, most)
+        rates = rate + LEAST_LAG * acceleration + GAIN * (wanted - q)
+        return np.clip(rates, -most, most)
 
     def _take_over(self, t: float) -> None:
         """Begin the next motion at its time; drop it if its plan came too late."""
