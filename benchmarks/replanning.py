@@ -35,6 +35,7 @@ from benchmarks.problems.arm import HARD, random_problem
 from zmp_sqp.scenario import load_scenario
 
 SEEDS = (*range(40), *range(200, 240), *range(1000, 1040))
+STEP = 0.05  # [s] between the re-plans of a control loop
 SHARES = (0.1, 0.3, 0.5)  # of the last plan's duration, at which re-plans begin
 CLOSE = 1e-4  # relative: durations that count as the same
 ACTIVE = 1e-3  # relative excess over the lower bound from which on tip-over costs time
@@ -42,7 +43,8 @@ ACTIVE = 1e-3  # relative excess over the lower bound from which on tip-over cos
 ASKED = {
     "along the last plan, paper_1 [F]": 20.0,
     "along the last plan, retreat [F]": 40.0,
-    "along the last plan, active [of cold]": 0.25,
+    "50 ms along the last plan, active [of cold]": 0.25,
+    "10 to 50 % along the last plan, active [of cold]": 0.25,
     "goal moved by 0.1 rad, active [of cold]": 0.5,
     "payload changed by 10 %, active [of cold]": 0.5,
     "stop from full speed [F]": 15.0,
@@ -120,9 +122,12 @@ def active_problems(count: int) -> list[tuple[int, zs.Problem, zs.Plan]]:
 
 def active_rows(found: Iterable[tuple[int, zs.Problem, zs.Plan]]) -> list[Row]:
     rows = []
-    for seed, problem, _ in found:
+    for seed, problem, plan in found:
         rng = np.random.default_rng([141, seed])
-        rows += [one(problem, s, {}, "along the last plan, active", seed) for s in SHARES]
+        soon = STEP / plan.duration
+        rows.append(one(problem, soon, {}, "50 ms along the last plan, active", seed))
+        case = "10 to 50 % along the last plan, active"
+        rows += [one(problem, share, {}, case, seed) for share in SHARES]
         moved = goal_near(problem, rng)
         if moved is not None:
             case = "goal moved by 0.1 rad, active"
@@ -187,10 +192,10 @@ def stream_rows(count: int) -> list[Row]:
         problem = random_problem(seed, HARD).problem
         planner, F = planner_of(problem), measure_F(problem.machine, repeats=11)
         plan = planner.plan(problem.start, problem.goal)
-        while plan.success and plan.duration > 0.2 and len(rows) < count:
-            q, v, _ = plan.trajectory(0.05)
+        while plan.success and plan.duration > 4.0 * STEP and len(rows) < count:
+            q, v, _ = plan.trajectory(STEP)
             call: Callable[[], zs.Plan] = lambda q=q, v=v, of=problem, by=planner: by.plan(  # noqa: E731
-                q, of.goal, v, elapsed=0.05
+                q, of.goal, v, elapsed=STEP
             )
             before = plan.duration
             plan, took = timed(call)
@@ -198,11 +203,11 @@ def stream_rows(count: int) -> list[Row]:
                 {
                     "case": "stream",
                     "seed": seed,
-                    "share": 0.05 / before,
+                    "share": STEP / before,
                     "warm": took.processor / F,
                     "status": plan.status.name,
                     "iterations": plan.iterations,
-                    "longer": plan.duration / (before - 0.05) - 1.0,
+                    "longer": plan.duration / (before - STEP) - 1.0,
                     "success": plan.success and plan.certificate.safe,
                 }
             )

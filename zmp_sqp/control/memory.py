@@ -11,6 +11,7 @@ from zmp_sqp.motion.trajectory import Trajectory
 from zmp_sqp.planning.problem.problem import Problem
 from zmp_sqp.planning.program.grid import ENDS, Grid
 from zmp_sqp.planning.program.staged import POINTS, Motion, StagedProgram
+from zmp_sqp.planning.search.answer import Status
 from zmp_sqp.planning.search.run import Candidate
 from zmp_sqp.planning.search.task import Task
 
@@ -95,12 +96,14 @@ class Memory:
         motion: Its certified motion.
         candidate: Point of the nonlinear program that the motion comes from; None where the motion
             was computed in closed form.
+        status: How its search ended; None if it has not.
         unfinished: Number of calls in which the search for it ran out of time; 0 once certified.
     """
 
     problem: Problem
     motion: Trajectory
     candidate: Candidate | None
+    status: Status | None = None
     unfinished: int = 0
 
     def nearest(self, q: Array, v: Array, around: float | None = None) -> tuple[float, float]:

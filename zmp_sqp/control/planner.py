@@ -179,7 +179,7 @@ class Planner:
             motion = trajectory(problem, found.program, found.motion)
         except (ProblemError, TrajectoryError):  # it leaves the map
             return None
-        return Memory(problem, motion, found, before + 1)
+        return Memory(problem, motion, found, unfinished=before + 1)
 
     def _effort(
         self, problem: Problem, remains: Remains | None, runs: Runs, *, optional: bool
@@ -359,7 +359,8 @@ class Planner:
     def _remember(self, plan: Plan, candidate: Candidate | None) -> None:
         """Keep a successful plan for the next call."""
         if plan.success and plan.attempt is not None:
-            self._memory, self._begins = Memory(plan.problem, plan.attempt, candidate), 0.0
+            kept = Memory(plan.problem, plan.attempt, candidate, plan.status)
+            self._memory, self._begins = kept, 0.0
 
 
 def _goal_distance(remains: Remains) -> float:

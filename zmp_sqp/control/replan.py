@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -35,6 +36,18 @@ __all__ = ["Earlier", "Effort", "Remains", "ready_motion", "replanned"]
 WARM = SQPSettings(resumed=True, converged=1e-4, excess_from=1e-2)
 # relative increases of the rest's duration, at which a motion near it is looked for
 SLOWER = (0.005, 0.05)
+# share of an optimal motion after which its rest still is the solution: with N = 50 the grid costs
+# 0.144 % of the duration, and h^2 less of it on the same number of nodes for the rest
+SOON = 0.03
+SAME_OBJECTS = ("machine", "ground")  # fields of a problem that must be the same for that
+SAME_VALUES = (
+    "margin",
+    "intervals",
+    "model",
+    "tipping_fraction",
+    "payload_uncertainty",
+    "slope_uncertainty",
+)
 # calls in which the search ran out of time, from which on it no longer looks for a motion to join
 JOINED = 2
 
@@ -93,6 +106,22 @@ class Remains:
     def kept(self) -> Proven | None:
         """The rest itself, if it leads to the new goal and is certified."""
         return self.proven if self.continued is self.problem else None
+
+    @property
+    def is_optimal(self) -> bool:
+        """Whether the rest is the solution of the new problem, but for what its grid costs.
+
+        By Bellman's principle the rest of an optimal motion is optimal. A new search has as many
+        nodes for less time; where `SOON` is left, that shortens the rest by less than 1e-4.
+        """
+        old, new, memory = self.memory.problem, self.problem, self.memory
+        same = all(getattr(old, name) is getattr(new, name) for name in SAME_OBJECTS)
+        same = same and all(getattr(old, name) == getattr(new, name) for name in SAME_VALUES)
+        same = same and np.array_equal(old.payload_com_uncertainty, new.payload_com_uncertainty)
+        same = same and len(old.constraints) == len(new.constraints) and old.base is new.base
+        same = same and all(map(operator.is_, old.constraints, new.constraints))
+        found = memory.status in (Status.OPTIMAL, Status.FASTEST_POSSIBLE)
+        return same and found and self.at <= SOON * memory.motion.duration
 
 
 class Effort(NamedTuple):
@@ -159,9 +188,12 @@ def ready_motion(task: Task, earlier: Earlier, runs: Runs) -> Ready:
     if known is not None:
         return Ready(known)
     at_bound, last, guess = task.lower_bound * (1.0 + AT_BOUND), earlier.last, earlier.guess
-    if runs.deadline is None and (last is None or last.rest.duration > at_bound):
+    solved = last is not None and last.is_optimal
+    if runs.deadline is None and (last is None or (last.rest.duration > at_bound and not solved)):
         return Ready(None)
     kept = earlier.kept
+    if kept is not None and solved and last is not None:
+        return Ready(replace(kept, status=last.memory.status or Status.KEPT))
     if kept is not None and kept.duration <= at_bound:
         return Ready(replace(kept, status=Status.FASTEST_POSSIBLE))
     if kept is not None or runs.deadline is None or guess is None:
