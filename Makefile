@@ -63,6 +63,8 @@ bench: venv  ## speed, robustness, comparisons with other planners and MuJoCo, p
 	$(BIN)/python -m benchmarks.peer_ipopt
 	$(BIN)/python -m benchmarks.peers
 	$(BIN)/python -m benchmarks.replay
+	$(BIN)/python -m benchmarks.replanning
+	$(BIN)/python -m benchmarks.control_loop
 
 clean:  ## remove the virtual environment and everything made by these targets
 	rm -rf .venv .venv-oldest out dist build .pytest_cache .hypothesis .mypy_cache .ruff_cache

@@ -36,7 +36,7 @@ __all__ = ["Earlier", "Effort", "Remains", "ready_motion", "replanned"]
 WARM = SQPSettings(resumed=True, converged=1e-4, excess_from=1e-2)
 # relative increases of the rest's duration, at which a motion near it is looked for
 SLOWER = (0.005, 0.05)
-# share of an optimal motion after which its rest is as good as a new solution, where time is limited
+# share of an optimal motion up to which its rest is as good as a new solution; only within budgets
 SOON = 0.03
 SAME_OBJECTS = ("machine", "ground")  # fields of a problem that must be the same for that
 SAME_VALUES = (
@@ -110,9 +110,9 @@ class Remains:
     def is_optimal(self) -> bool:
         """Whether the rest is the solution of the new problem, but for what its grid costs.
 
-        By Bellman's principle the rest of an optimal motion is optimal. A new search has as many
-        nodes for less time, on other places; where no more than `SOON` has passed, that shortens the
-        rest by 2.5e-4 at most, and mostly by less than 2e-5.
+        By Bellman's principle the rest of an optimal motion is optimal. A new search has its nodes
+        at other times, and closer together. After up to `SOON` that shortened six rests by less
+        than 2e-5, and one by 2.5e-4.
         """
         old, new, memory = self.memory.problem, self.problem, self.memory
         same = all(getattr(old, name) is getattr(new, name) for name in SAME_OBJECTS)
