@@ -19,15 +19,17 @@ from zmp_sqp.control.memory import Memory
 from zmp_sqp.control.replan import Earlier, Effort, Remains, ready_motion, replanned
 from zmp_sqp.control.stop import INTERVALS as STOP_INTERVALS
 from zmp_sqp.control.stop import StopProblem, backend_of, stop_plan
-from zmp_sqp.errors import ProblemError, TrajectoryError
+from zmp_sqp.errors import ProblemError
 from zmp_sqp.mechanics.ground import Ground, Slope
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.planning.problem.problem import Problem
+from zmp_sqp.planning.problem.undercarriage import Driving
 from zmp_sqp.planning.problem.unicycle_base import UnicycleBase
 from zmp_sqp.planning.program.solution import trajectory
 from zmp_sqp.planning.search.answer import Plan, Status
 from zmp_sqp.planning.search.keep_bound import REFUSED, SHORTEST_STEPS
 from zmp_sqp.planning.search.planner import answer
+from zmp_sqp.planning.search.prove import Proven
 from zmp_sqp.planning.search.run import Candidate, Runs
 from zmp_sqp.planning.search.task import lower_bound_of, task_of
 from zmp_sqp.sqp.result import IterationRecord
@@ -145,7 +147,9 @@ class Planner:
         """Plan of a problem, or a stop where none is certified."""
         task = task_of(problem)
         earlier = self._earlier(problem, elapsed)
-        ready, spare = ready_motion(task, earlier, runs), None
+        half = self._step_time * max(problem.first_intervals // 2, 1)
+        joins = runs.deadline is None or runs.deadline - runs.clock() > half
+        ready, spare = ready_motion(task, earlier, runs, joins=joins), None
         proven, unfinished = ready.proven, None
         if proven is None and runs.deadline is not None:
             spare = self._spare(earlier.last, fields, runs)
@@ -159,7 +163,7 @@ class Planner:
             self._refused_probe = any(run.status == REFUSED for run in runs.runs)
         self._note_times(runs)
         plan = answer(problem, self.qp_solver, task.lower_bound, proven, runs)
-        self._guess = self._unfinished(problem, earlier.guess, unfinished)
+        self._guess = _unfinished(problem, earlier.guess, proven, unfinished)
         if not plan.success:
             return self._instead(plan, spare, earlier.last, fields, runs)
         if earlier.last is not None and proven.attempt is earlier.last.motion:
@@ -167,19 +171,6 @@ class Planner:
         else:
             self._remember(plan, proven.candidate)
         return plan
-
-    def _unfinished(
-        self, problem: Problem, guess: Remains | None, found: Candidate | None
-    ) -> Memory | None:
-        """Motion from which the next call goes on; None if the search is done."""
-        before = 0 if guess is None else guess.memory.unfinished
-        if found is None or before >= GIVEN_UP:
-            return None
-        try:
-            motion = trajectory(problem, found.program, found.motion)
-        except (ProblemError, TrajectoryError):  # it leaves the map
-            return None
-        return Memory(problem, motion, found, unfinished=before + 1)
 
     def _effort(
         self, problem: Problem, remains: Remains | None, runs: Runs, *, optional: bool
@@ -361,6 +352,21 @@ class Planner:
         if plan.success and plan.attempt is not None:
             kept = Memory(plan.problem, plan.attempt, candidate, plan.status)
             self._memory, self._begins = kept, 0.0
+
+
+def _unfinished(
+    problem: Problem, guess: Remains | None, proven: Proven, found: Candidate | None
+) -> Memory | None:
+    """Motion from which the next call goes on; None if the search is done, or over terrain."""
+    before = 0 if guess is None else guess.memory.unfinished
+    base = problem.undercarriage
+    rolls = isinstance(base, Driving) and not base.terrain.uniform
+    if found is None or before >= GIVEN_UP or rolls:
+        return None
+    motion = proven.attempt if proven.candidate is found else None
+    if motion is None:
+        motion = trajectory(problem, found.program, found.motion)
+    return Memory(problem, motion, found, unfinished=before + 1)
 
 
 def _goal_distance(remains: Remains) -> float:

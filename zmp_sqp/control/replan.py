@@ -11,9 +11,10 @@ import numpy as np
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.control.memory import Memory, Rest
-from zmp_sqp.errors import ProblemError, TrajectoryError
+from zmp_sqp.errors import ProblemError
 from zmp_sqp.motion.trajectory import Trajectory
 from zmp_sqp.planning.problem.problem import Problem
+from zmp_sqp.planning.problem.undercarriage import Driving
 from zmp_sqp.planning.program.grid import Grid
 from zmp_sqp.planning.program.solution import trajectory
 from zmp_sqp.planning.proof.boundary_states import meets_boundary_states
@@ -178,11 +179,17 @@ class Answer(NamedTuple):
     unfinished: Candidate | None = None
 
 
-def ready_motion(task: Task, earlier: Earlier, runs: Runs) -> Ready:
+def ready_motion(task: Task, earlier: Earlier, runs: Runs, *, joins: bool = True) -> Ready:
     """Certified motion that needs no long search.
 
     With status KEPT it is the rest of the last motion, or a motion near it, looked for only where
     time is limited: a search may find a faster one. With any other status it is the answer.
+
+    Args:
+        task: Task from the state now.
+        earlier: Earlier motions.
+        runs: Runner of the searches, with their deadline.
+        joins: Whether there is time to look for a motion near an earlier one.
     """
     known = without_search(task)
     if known is not None:
@@ -198,7 +205,9 @@ def ready_motion(task: Task, earlier: Earlier, runs: Runs) -> Ready:
         return Ready(replace(kept, status=Status.FASTEST_POSSIBLE))
     if kept is not None or runs.deadline is None or guess is None:
         return Ready(kept)
-    return Ready(None) if guess.memory.unfinished >= JOINED else _joined(task, guess.rest, runs)
+    if guess.memory.unfinished >= JOINED or not joins:
+        return Ready(None)
+    return _joined(task, guess.rest, runs)
 
 
 def replanned(
@@ -252,12 +261,15 @@ def _from_nothing(task: Task, runs: Runs, *, spared: bool) -> Answer:
 
 
 def _without_proof(task: Task, found: Candidate) -> Proven:
-    """Last motion of a search that ran out of time, without certificate."""
-    nothing = Certificate.of_nothing(task.problem.margin)
-    try:
-        motion = trajectory(task.problem, found.program, found.motion)
-    except (ProblemError, TrajectoryError):  # it leaves the map
+    """Last motion of a search that ran out of time, without certificate.
+
+    Over terrain there is no attempt: to build that motion takes longer than a step of the search.
+    """
+    nothing, problem = Certificate.of_nothing(task.problem.margin), task.problem
+    base = problem.undercarriage
+    if isinstance(base, Driving) and not base.terrain.uniform:
         return Proven(Status.TIME_BUDGET, nothing, None, found.duration)
+    motion = trajectory(problem, found.program, found.motion)
     return Proven(Status.TIME_BUDGET, nothing, motion, motion.duration, candidate=found)
 
 
