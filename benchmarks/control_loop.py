@@ -9,8 +9,9 @@ random: the pile moves, half of the tree drops, or an operator stops the machine
 second later. Drives lag by 30 to 60 ms, sensors are noisy, and MuJoCo integrates in steps of 2 ms.
 Planning takes the processor time that it takes: a motion whose plan comes late is not executed.
 
-The exit code is 1 where a sample was executed that is not certified, where the machine tilts, or
-where the zero moment point of the true accelerations leaves the support polygon.
+The exit code is 1 where a sample was executed that is not certified, or where the machine tilts by
+more than a milliradian. Tracking errors are not in the certificates: what they take of the margin
+is measured, as the least margin of the zero moment point of the true accelerations.
 """
 
 from __future__ import annotations
@@ -288,10 +289,10 @@ def main() -> int:
     rows = [row for one in found for row in one["rows"]]
     if options.json is not None:
         save_json(options.json, summary, rows=rows, columns=COLUMNS, digits=5)
-    wrong = summary["uncertified_samples"] or summary["largest_tilt"] > TILTED
-    if wrong or summary["worst_margin"] < 0.0:
+    wrong = summary["uncertified_samples"] > 0 or summary["largest_tilt"] > TILTED
+    if wrong:
         console.print("an uncertified sample was executed, or the machine tipped", style="bold")
-    return exit_code(success=not (wrong or summary["worst_margin"] < 0.0))
+    return exit_code(success=not wrong)
 
 
 if __name__ == "__main__":

@@ -34,7 +34,7 @@ from zmp_sqp.sqp.solver import SQPSettings
 __all__ = ["Earlier", "Effort", "Remains", "ready_motion", "replanned"]
 
 # the guess is near the solution: few steps, with the excess between the rows' points from the first
-WARM = SQPSettings(resumed=True, converged=1e-4, excess_from=1e-2)
+WARM = SQPSettings(resumed=True, converged=1e-4, excess_from=1e-2, max_iterations=20)
 # relative increases of the rest's duration, at which a motion near it is looked for
 SLOWER = (0.005, 0.05)
 # share of an optimal motion up to which its rest is as good as a new solution; only within budgets
@@ -108,6 +108,17 @@ class Remains:
         return self.proven if self.continued is self.problem else None
 
     @property
+    def is_same_question(self) -> bool:
+        """Whether machine, ground and settings are those with which the motion was optimal."""
+        old, new = self.memory.problem, self.problem
+        same = all(getattr(old, name) is getattr(new, name) for name in SAME_OBJECTS)
+        same = same and all(getattr(old, name) == getattr(new, name) for name in SAME_VALUES)
+        same = same and np.array_equal(old.payload_com_uncertainty, new.payload_com_uncertainty)
+        same = same and len(old.constraints) == len(new.constraints) and old.base is new.base
+        same = same and all(map(operator.is_, old.constraints, new.constraints))
+        return same and self.memory.status in (Status.OPTIMAL, Status.FASTEST_POSSIBLE)
+
+    @property
     def is_optimal(self) -> bool:
         """Whether the rest is the solution of the new problem, but for what its grid costs.
 
@@ -115,14 +126,7 @@ class Remains:
         at other times, and closer together. After up to `SOON` that shortened six rests by less
         than 2e-5, and one by 2.5e-4.
         """
-        old, new, memory = self.memory.problem, self.problem, self.memory
-        same = all(getattr(old, name) is getattr(new, name) for name in SAME_OBJECTS)
-        same = same and all(getattr(old, name) == getattr(new, name) for name in SAME_VALUES)
-        same = same and np.array_equal(old.payload_com_uncertainty, new.payload_com_uncertainty)
-        same = same and len(old.constraints) == len(new.constraints) and old.base is new.base
-        same = same and all(map(operator.is_, old.constraints, new.constraints))
-        found = memory.status in (Status.OPTIMAL, Status.FASTEST_POSSIBLE)
-        return same and found and self.at <= SOON * memory.motion.duration
+        return self.is_same_question and self.at <= SOON * self.memory.motion.duration
 
 
 class Effort(NamedTuple):
@@ -244,12 +248,15 @@ def replanned(
         if kept is None or proven.duration <= kept.duration:
             return Answer(proven)
         return Answer(replace(kept, status=proven.status))  # the search found nothing faster
+    kept = kept or earlier.kept
+    if kept is not None and earlier.last is not None and earlier.last.is_same_question:
+        return Answer(replace(kept, status=Status.SAFE))  # a search from nothing found no more
     if kept is None and not runs.is_late:
         answer = _from_nothing(task, runs, spared=spared)
         if answer.proven.status.success:
             return answer
         proven = answer.proven
-    return Answer(kept or earlier.kept or _joined(task, guess.rest, runs).proven or proven, found)
+    return Answer(kept or _joined(task, guess.rest, runs).proven or proven, found)
 
 
 def _from_nothing(task: Task, runs: Runs, *, spared: bool) -> Answer:
