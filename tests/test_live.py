@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 
@@ -39,8 +40,10 @@ class Terminal:
         self.screen, other = pty.openpty()
         self.seen = ""
         environment = os.environ | {"TERM": "xterm", "COLUMNS": "120"}
+        # a file, because a pipe that nobody reads meanwhile takes no more than 64 KiB
+        self.printed = tempfile.TemporaryFile("w+", encoding="utf-8")
         self.process = subprocess.Popen(
-            command(*arguments), stdout=subprocess.PIPE, stderr=other, env=environment, text=True
+            command(*arguments), stdout=self.printed, stderr=other, env=environment, text=True
         )
         os.close(other)
 
@@ -57,9 +60,11 @@ class Terminal:
 
     def end(self) -> tuple[int, str]:
         """Exit code, and what was printed on standard output."""
-        printed, _ = self.process.communicate(timeout=LONGEST)
+        self.process.wait(timeout=LONGEST)
         os.close(self.screen)
-        return self.process.returncode, printed
+        with self.printed:
+            self.printed.seek(0)
+            return self.process.returncode, self.printed.read()
 
 
 def test_a_terminal_shows_stage_iterations_and_violation(scenario: Path) -> None:
