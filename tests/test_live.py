@@ -41,10 +41,12 @@ class Terminal:
         self.seen = ""
         environment = os.environ | {"TERM": "xterm", "COLUMNS": "120"}
         # a file, because a pipe that nobody reads meanwhile takes no more than 64 KiB
-        self.printed = tempfile.TemporaryFile("w+", encoding="utf-8")
+        output, printed = tempfile.mkstemp()
+        self.printed = Path(printed)
         self.process = subprocess.Popen(
-            command(*arguments), stdout=self.printed, stderr=other, env=environment, text=True
+            command(*arguments), stdout=output, stderr=other, env=environment, text=True
         )
+        os.close(output)
         os.close(other)
 
     def read(self, until: str = "") -> str:
@@ -62,9 +64,9 @@ class Terminal:
         """Exit code, and what was printed on standard output."""
         self.process.wait(timeout=LONGEST)
         os.close(self.screen)
-        with self.printed:
-            self.printed.seek(0)
-            return self.process.returncode, self.printed.read()
+        printed = self.printed.read_text(encoding="utf-8")
+        self.printed.unlink()
+        return self.process.returncode, printed
 
 
 def test_a_terminal_shows_stage_iterations_and_violation(scenario: Path) -> None:
