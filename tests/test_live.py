@@ -25,7 +25,8 @@ LONGEST = 60.0  # [s]
 @pytest.fixture
 def scenario(tmp_path: Path) -> Path:
     path = tmp_path / "stretched.toml"
-    path.write_text(STRETCHED, encoding="utf-8")
+    # long enough for several pictures of the live line, of which there are 12 a second
+    path.write_text(STRETCHED.replace("intervals = 20", "intervals = 200"), encoding="utf-8")
     return path
 
 
