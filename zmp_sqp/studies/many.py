@@ -5,7 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import pickle
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import (
     FIRST_COMPLETED,
@@ -226,8 +226,7 @@ def _planned(
     count = min(workers or os.cpu_count() or 1, total)
     crew: _LocalPool | _GivenExecutor
     if executor is None:
-        machines = list({id(one.machine): one.machine for one in job.problems}.values())
-        crew = _LocalPool(machines, count)
+        crew = _LocalPool(_shared_machines(job.problems), count)
     else:
         crew = _GivenExecutor(executor, count)
     try:
@@ -237,6 +236,14 @@ def _planned(
                 yield index, one
     finally:
         crew.end()
+
+
+def _shared_machines(problems: Sequence[Problem]) -> list[Machine]:
+    """Machines that several problems have: sent to every process, once."""
+    uses = Counter(id(one.machine) for one in problems)
+    return list(
+        {id(one.machine): one.machine for one in problems if uses[id(one.machine)] > 1}.values()
+    )
 
 
 def _deliveries(job: _Job, crew: _LocalPool | _GivenExecutor) -> Iterator[tuple[int, Plan]]:
