@@ -6,6 +6,7 @@ import re
 import warnings
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -46,10 +47,10 @@ def edited(old: str, new: str, *, machine: str = "gripper") -> str:
     return text.replace(old, new)
 
 
-def load(tmp_path: Path, text: str, **settings: object) -> zs.Machine:
+def load(tmp_path: Path, text: str, **settings: Any) -> zs.Machine:
     path = tmp_path / "machine.urdf"
     path.write_text(text)
-    return zs.load_machine(path, **settings)  # type: ignore[arg-type]
+    return zs.load_machine(path, **settings)
 
 
 # --- what is read -------------------------------------------------------------------------------

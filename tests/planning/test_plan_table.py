@@ -6,6 +6,7 @@ import csv
 import io
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -65,14 +66,15 @@ def test_no_plans_are_an_empty_table() -> None:
 
 
 @pytest.mark.parametrize("given", [None, 3, [None], {"one": "plan"}])
-def test_what_is_no_plan_is_refused(given: object) -> None:
+def test_what_is_no_plan_is_refused(given: Any) -> None:
     with pytest.raises(zs.ProblemError, match=r"(Plan|several plans), "):
-        zs.table(given)  # type: ignore[arg-type]
+        zs.table(given)
 
 
 def test_a_single_plan_is_refused(plans: dict[str, zs.Plan]) -> None:
+    single: Any = plans["paper"]
     with pytest.raises(zs.ProblemError, match="several plans"):
-        zs.table(plans["paper"])  # type: ignore[arg-type]
+        zs.table(single)
 
 
 def test_a_plan_is_printed_in_a_few_lines(plans: dict[str, zs.Plan]) -> None:

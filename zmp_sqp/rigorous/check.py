@@ -18,7 +18,7 @@ from zmp_sqp.mechanics.uncertainty import Corner
 from zmp_sqp.motion.trajectory import Trajectory
 from zmp_sqp.planning.constraints.protocol import PathConstraint
 from zmp_sqp.planning.constraints.registry import TorqueLimits
-from zmp_sqp.planning.constraints.tip_over import edge_label
+from zmp_sqp.planning.constraints.tip_over import edge_label, supported
 from zmp_sqp.planning.problem.unicycle_base import UnicycleBase
 from zmp_sqp.rigorous.balls import ORDER, working
 from zmp_sqp.rigorous.base_in_balls import (
@@ -140,7 +140,7 @@ def _root(
     if base is None or isinstance(corner.ground, Slope):
         return PlaneRoot(flint, motion, base)
     if isinstance(corner.ground, Heightmap):
-        height = flint.arb(corner.machine.support.height)  # type: ignore[union-attr]
+        height = flint.arb(supported(corner.machine).height)
         return TerrainRoot(flint, motion, base, corner.ground, height)
     return None
 
@@ -164,7 +164,8 @@ def _efforts(
         ], 0
     torques = None
     asked = [Asked(margin, RESOLUTION), Asked(0.0)]
-    labels = [[edge_label(machine.support, i) for i in range(len(machine.support.vertices))]]  # type: ignore[union-attr, arg-type]
+    support = supported(machine)
+    labels = [[edge_label(support, i) for i in range(len(support.vertices))]]
     units = [["m"] * len(labels[0]), ["N"]]
     labels.append(["normal force"])
     if torque is not None:

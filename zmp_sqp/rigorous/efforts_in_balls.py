@@ -15,6 +15,7 @@ from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.terrain.heightmap import Heightmap
 from zmp_sqp.mechanics.uncertainty import Corner
 from zmp_sqp.motion.trajectory import Trajectory
+from zmp_sqp.planning.constraints.tip_over import supported
 from zmp_sqp.rigorous.balls import above, below, bernstein
 from zmp_sqp.rigorous.decide import Bound
 from zmp_sqp.rigorous.link_series import (
@@ -93,7 +94,7 @@ class EffortBalls:
         self._spreads = [flint.arb(corner.spread) for corner in corners]
         self._carrier = payload_link(machine)
         self._edges = _edges(flint, machine)
-        self._height = flint.arb(machine.support.height)  # type: ignore[union-attr]
+        self._height = flint.arb(supported(machine).height)
         self._root = root
         turning = [0.0] * machine.size
         for one in self._joints:
@@ -422,10 +423,8 @@ def _gravity(flint: Any, ground: Ground, *, drives: bool) -> Vector:
 
 def _edges(flint: Any, machine: Machine) -> list[tuple[Any, Any, Any]]:
     """Outward normals and offsets of the edges of the support polygon, from its vertices."""
-    vertices = [
-        (flint.arb(x), flint.arb(y))
-        for x, y in machine.support.vertices.tolist()  # type: ignore[union-attr]
-    ]
+    corners = supported(machine).vertices.tolist()
+    vertices = [(flint.arb(x), flint.arb(y)) for x, y in corners]
     found = []
     for (x, y), (far_x, far_y) in zip(vertices, vertices[1:] + vertices[:1], strict=True):
         dx, dy = far_x - x, far_y - y
