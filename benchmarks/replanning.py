@@ -13,8 +13,9 @@ processor times, divided by F as measured before and after each group; certifica
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -194,9 +195,7 @@ def stream_rows(count: int) -> list[Row]:
         plan = planner.plan(problem.start, problem.goal)
         while plan.success and plan.duration > 4.0 * STEP and len(rows) < count:
             q, v, _ = plan.trajectory(STEP)
-            call: Callable[[], zs.Plan] = lambda q=q, v=v, of=problem, by=planner: by.plan(  # noqa: E731
-                q, of.goal, v, elapsed=STEP
-            )
+            call = partial(planner.plan, q, problem.goal, v, elapsed=STEP)
             before = plan.duration
             plan, took = timed(call)
             rows.append(

@@ -11,8 +11,6 @@ import numpy as np
 
 from zmp_sqp.commands.console import (
     add_command,
-    add_json_option,
-    add_out_option,
     make_console,
     prepare_folder,
     print_lines,
@@ -21,7 +19,14 @@ from zmp_sqp.commands.console import (
     write_json,
 )
 from zmp_sqp.commands.exit_codes import DONE, INTERRUPTED, UNSAFE
-from zmp_sqp.commands.study_options import Case, Study, add_study_options, run_study, write_csv
+from zmp_sqp.commands.study_options import (
+    Case,
+    Study,
+    add_result_options,
+    add_study_options,
+    run_study,
+    write_csv,
+)
 from zmp_sqp.errors import ScenarioError, ZmpSqpError
 from zmp_sqp.planning import Problem
 from zmp_sqp.scenario import read_content, scenario_of
@@ -80,11 +85,7 @@ def add_envelope(commands: Any, shipped: str) -> None:
             f"{STEPS})",
         )
     add_study_options(command)
-    add_out_option(command, ENVELOPE_FILES)
-    add_json_option(command)
-    command.add_argument(
-        "--no-figures", dest="figures", action="store_false", help="write no figure"
-    )
+    add_result_options(command, ENVELOPE_FILES)
 
 
 def run_envelope(arguments: argparse.Namespace) -> int:

@@ -11,10 +11,20 @@ from typing import Any
 
 import numpy as np
 
+from zmp_sqp.commands.console import add_json_option, add_out_option
 from zmp_sqp.planning import Plan, Problem, table
 from zmp_sqp.studies import plan_many
 
-__all__ = ["Case", "Study", "add_study_options", "positive", "row_of", "run_study", "write_csv"]
+__all__ = [
+    "Case",
+    "Study",
+    "add_result_options",
+    "add_study_options",
+    "positive",
+    "row_of",
+    "run_study",
+    "write_csv",
+]
 
 REFUSED = "refused"  # status of a case without a problem
 COLUMNS = ("success", "status", "duration", "lower_bound", "margin", "message")
@@ -118,6 +128,15 @@ def add_study_options(command: argparse.ArgumentParser) -> None:
         type=float,
         metavar="S",
         help="[s] for each plan (default: no limit)",
+    )
+
+
+def add_result_options(command: argparse.ArgumentParser, files: Sequence[str]) -> None:
+    """Add options of what a study writes: its files, JSON, and whether there are figures."""
+    add_out_option(command, files)
+    add_json_option(command)
+    command.add_argument(
+        "--no-figures", dest="figures", action="store_false", help="write no figure"
     )
 
 

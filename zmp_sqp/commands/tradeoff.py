@@ -13,8 +13,6 @@ import numpy as np
 from zmp_sqp.arrays import Array
 from zmp_sqp.commands.console import (
     add_command,
-    add_json_option,
-    add_out_option,
     make_console,
     prepare_folder,
     print_lines,
@@ -25,6 +23,7 @@ from zmp_sqp.commands.console import (
 from zmp_sqp.commands.exit_codes import DONE, INTERRUPTED, UNSAFE
 from zmp_sqp.commands.study_options import (
     Case,
+    add_result_options,
     add_study_options,
     positive,
     run_study,
@@ -88,11 +87,7 @@ def add_tradeoff(commands: Any, shipped: str) -> None:
         help=f"number of margins (default: {COUNT})",
     )
     add_study_options(command)
-    add_out_option(command, TRADEOFF_FILES)
-    add_json_option(command)
-    command.add_argument(
-        "--no-figures", dest="figures", action="store_false", help="write no figure"
-    )
+    add_result_options(command, TRADEOFF_FILES)
 
 
 def run_tradeoff(arguments: argparse.Namespace) -> int:
