@@ -28,7 +28,8 @@ RESULT_KEYS = f"""\
   iterations                number of SQP iterations
   qp_solver                 name of the QP solver, as given
   runs                      list, one entry per run of the search: purpose, intervals, backend (QP
-                            solver), iterations, status, duration [s]
+                            solver), iterations, status, duration [s], reference [s] (duration that
+                            scales the objective)
   nominal_margin            [m] guaranteed distance with payload and slope exactly as given
   margin_asked              [m] margin that the scenario asks for
   corner                    payload and slope for which the margin is least, or empty

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import nan
 from typing import Any
 
 import numpy as np
@@ -40,6 +41,8 @@ class Direction:
         rows: Number of inequalities in the last QP.
         slack: Slack of a relaxed QP; zero otherwise.
         backend: Name of the backend that solved it.
+        decrease: First-order decrease of the merit function that a full step is predicted to give;
+            NaN as long as it is not known.
     """
 
     step: Array
@@ -50,6 +53,7 @@ class Direction:
     rows: int
     slack: float
     backend: str
+    decrease: float = nan
 
 
 class Subproblem:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
+from math import nan
 from typing import Any
 
 from zmp_sqp.arrays import Array
@@ -48,6 +49,8 @@ class IterationRecord:
         violation: Largest constraint violation after the step.
         step: Accepted step length, 0 to 1; 0 if no step was taken.
         time: Wall time since the start of the run [s].
+        decrease: First-order decrease of the merit function that a full step was predicted to give;
+            zero at a Karush-Kuhn-Tucker point, NaN where there was no step to predict it from.
     """
 
     iteration: int
@@ -61,6 +64,7 @@ class IterationRecord:
     violation: float
     step: float
     time: float
+    decrease: float = nan
 
 
 @dataclass(frozen=True, slots=True, eq=False)

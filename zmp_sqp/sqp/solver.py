@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from math import nan
 from typing import Any
 
 import numpy as np
@@ -228,6 +229,8 @@ class SQP:
             return self._same_point(iterate, subproblem, damped)
         penalty = iterate.penalty.raised(direction.y, direction.z, program.nonlinear)
         iterate = replace(iterate, penalty=penalty)
+        decrease = self._predicted_decrease(program, iterate, direction)
+        direction = replace(direction, decrease=decrease)
         if self._is_stationary(program, iterate, direction):
             done = replace(iterate, y=direction.y, z=direction.z, verdict=SQPStatus.OPTIMAL)
             return self._same_point(iterate, subproblem, done, direction)
@@ -285,9 +288,8 @@ class SQP:
     ) -> bool:
         if not iterate.is_feasible(program.tolerance, self.settings.equality):
             return False
-        decrease = self._predicted_decrease(program, iterate, direction)
         # a large increase says nothing: the step misses rows outside of the QP
-        return -ALLOWED_INCREASE <= decrease <= self.settings.optimality
+        return -ALLOWED_INCREASE <= direction.decrease <= self.settings.optimality
 
     # --- the step ---------------------------------------------------------------------------
 
@@ -303,7 +305,7 @@ class SQP:
         """Line search: point that meets Armijo's condition, with its expansion, or None."""
         count, penalty, lin = program.nonlinear, iterate.penalty, iterate.lin
         start = penalty.merit(lin.at, count)
-        promised = ARMIJO_SLOPE * max(self._predicted_decrease(program, iterate, direction), 0.0)
+        promised = ARMIJO_SLOPE * max(direction.decrease, 0.0)
         noise = ROUNDING * max(1.0, abs(start))
 
         def is_enough(at: Evaluation, length: float) -> bool:
@@ -529,6 +531,7 @@ class SQP:
             violation=iterate.violation,
             step=found.length,
             time=self.settings.clock() - self._started,
+            decrease=nan if direction is None else direction.decrease,
         )
         self._history.append(record)
         if self.report is not None:

@@ -105,9 +105,9 @@ def _probe(
     record = _record(found, runs)
     runs.note(record)
     if not found.feasible:
-        runs.runs.append(
-            SearchRun(PURPOSE, coarse.size, found.backend, 1, REFUSED, motion.duration)
-        )
+        T = motion.duration
+        refused = SearchRun(PURPOSE, coarse.size, found.backend, 1, REFUSED, T, program.reference)
+        runs.runs.append(refused)
         return None
     point, at, excess = found.point, found.at, found.excess
     if parts > 1:

@@ -29,6 +29,7 @@ class SearchRun:
         iterations: Number of iterations.
         status: Name of the `SQPStatus` it ended with, in lower case.
         duration: Duration of its last point [s].
+        reference: Duration that scales time [s]: the objective is (T / reference)^2.
     """
 
     purpose: str
@@ -37,6 +38,7 @@ class SearchRun:
     iterations: int
     status: str
     duration: float
+    reference: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -200,4 +202,5 @@ class Runs:
         names = (step.backend.partition(",")[0] for step in steps)
         backends = ", ".join(dict.fromkeys(names))
         size, status = found.program.grid.size, found.result.status.name.lower()
-        self.runs.append(SearchRun(purpose, size, backends, len(steps), status, found.duration))
+        T, reference = found.duration, found.program.reference
+        self.runs.append(SearchRun(purpose, size, backends, len(steps), status, T, reference))
