@@ -64,7 +64,8 @@ def test_the_pages_have_code() -> None:
 
 def test_the_api_page_has_every_public_name_once() -> None:
     page = (ROOT / "docs" / "api.rst").read_text(encoding="utf-8")
-    assert sorted(re.findall(r"^\.\. auto\w+:: (\w+)$", page, re.MULTILINE)) == sorted(zs.__all__)
+    named = re.findall(r"^\.\. auto\w+:: (?:zmp_sqp\.)?(\w+)$", page, re.MULTILINE)
+    assert sorted(named) == sorted(zs.__all__)
 
 
 def test_the_table_of_speed_is_that_of_the_benchmark() -> None:

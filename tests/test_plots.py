@@ -15,10 +15,10 @@ from zmp_sqp.paper.figures import FIGURES, draw_figures
 from zmp_sqp.paper.runs import Motions
 from zmp_sqp.planning import Plan, Trajectory, phase_plane, plan
 from zmp_sqp.planning.closed_forms.base_motion import asymmetric_profile
+from zmp_sqp.plots import locus, profiles, save
+from zmp_sqp.plots.canvas import PLANNER_COLOURS, sample_times
+from zmp_sqp.plots.loci import loci_figure
 from zmp_sqp.scenario import load_scenario
-from zmp_sqp.show.canvas import PLANNER_COLOURS, sample_times
-from zmp_sqp.show.joint_plots import plot_joints
-from zmp_sqp.show.zmp_plots import plot_zmp
 
 pytest.importorskip("matplotlib")
 
@@ -45,12 +45,8 @@ def curves(monkeypatch: pytest.MonkeyPatch) -> list:
 
 
 def test_figures_are_small_png_files(planned: Plan, baseline: Trajectory, tmp_path: Path) -> None:
-    plot_zmp(
-        planned.problem,
-        {"phase plane": baseline, "full model": planned.trajectory},
-        tmp_path / "zmp.png",
-    )
-    plot_joints(planned.problem.machine, planned.trajectory, str(tmp_path / "joints.png"))
+    save(locus(planned, beside={"phase plane": baseline}), tmp_path / "zmp.png")
+    save(profiles(planned), str(tmp_path / "joints.png"))
     for name in ("zmp.png", "joints.png"):
         content = (tmp_path / name).read_bytes()
         assert content.startswith(PNG)
@@ -58,18 +54,14 @@ def test_figures_are_small_png_files(planned: Plan, baseline: Trajectory, tmp_pa
 
 
 def test_the_ending_of_the_path_chooses_the_format(planned: Plan, tmp_path: Path) -> None:
-    plot_joints(planned.problem.machine, planned.trajectory, tmp_path / "joints.svg")
+    save(profiles(planned), tmp_path / "joints.svg")
     assert b"<svg" in (tmp_path / "joints.svg").read_bytes()
 
 
 def test_the_locus_is_drawn_in_the_root_frame_of_messages_and_in_the_papers_colours(
-    planned: Plan, baseline: Trajectory, monkeypatch: pytest.MonkeyPatch
+    planned: Plan, baseline: Trajectory
 ) -> None:
-    saved = curves(monkeypatch)
-    plot_zmp(
-        planned.problem, {"phase plane": baseline, "full model": planned.trajectory}, "nowhere.png"
-    )
-    [axes] = saved[0].axes
+    [axes] = locus(planned, beside={"phase plane": baseline}).axes
     lines = {line.get_label(): line for line in axes.get_lines()}
     assert (axes.get_xlabel(), axes.get_ylabel()) == ("x forward [m]", "y left [m]")
     polygon = lines["support polygon"].get_xydata()
@@ -80,8 +72,8 @@ def test_the_locus_is_drawn_in_the_root_frame_of_messages_and_in_the_papers_colo
     )
     assert np.nanmax(blind[:, 1]) > 1.615 + 0.3  # leaves to the left, where the ground leans
     assert np.nanmax(ours[:, 1]) < 1.615 + 1e-3
-    for locus in (blind, ours):
-        assert locus[0, 0] > 0.5 > -0.5 > locus[-2, 0]  # from ahead of the machine to behind it
+    for path in (blind, ours):
+        assert path[0, 0] > 0.5 > -0.5 > path[-2, 0]  # from ahead of the machine to behind it
     problem, times = planned.problem, sample_times(baseline)[0]
     q, v, a = baseline(times)
     np.testing.assert_allclose(
@@ -93,11 +85,10 @@ def test_the_locus_is_drawn_in_the_root_frame_of_messages_and_in_the_papers_colo
 
 @pytest.mark.parametrize("margin", [0.0, 0.1, 0.5])
 def test_the_margin_that_was_asked_for_is_drawn(
-    planned: Plan, baseline: Trajectory, monkeypatch: pytest.MonkeyPatch, margin: float
+    planned: Plan, baseline: Trajectory, margin: float
 ) -> None:
-    saved = curves(monkeypatch)
-    plot_zmp(replace(planned.problem, margin=margin), {"phase plane": baseline}, "nowhere.png")
-    lines = {line.get_label(): line for line in saved[0].axes[0].get_lines()}
+    [axes] = locus(replace(planned.problem, margin=margin), baseline).axes
+    lines = {line.get_label(): line for line in axes.get_lines()}
     asked = [line for label, line in lines.items() if label.startswith("margin asked for")]
     assert len(asked) == (margin > 0.0)
     for line in asked:
@@ -106,12 +97,8 @@ def test_the_margin_that_was_asked_for_is_drawn(
         )
 
 
-def test_every_joint_has_a_name_and_its_limits_are_dashed(
-    planned: Plan, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    saved = curves(monkeypatch)
-    plot_joints(planned.problem.machine, planned.trajectory, "nowhere.png")
-    acceleration, rate, angle = saved[0].axes
+def test_every_joint_has_a_name_and_its_limits_are_dashed(planned: Plan) -> None:
+    acceleration, rate, angle = profiles(planned).axes
     for axes in (acceleration, rate, angle):
         assert [line.get_label() for line in axes.get_lines()[:5]] == list(
             planned.trajectory.joint_names
@@ -141,12 +128,12 @@ def test_other_planners_get_colours_of_their_own_and_any_polygon_is_drawn(
     hexagon = [[np.cos(t), np.sin(t)] for t in np.arange(6) * np.pi / 3]
     machine = planned.problem.machine.with_support(SupportPolygon(4.0 * np.array(hexagon)))
     problem = replace(planned.problem, machine=machine)
-    plot_zmp(problem, {"mine": planned.trajectory, "yours": baseline}, tmp_path / "zmp.png")
+    save(locus(problem, planned.trajectory, beside={"yours": baseline}), tmp_path / "zmp.png")
     assert (tmp_path / "zmp.png").read_bytes().startswith(PNG)
 
 
 def test_no_figure_leaves_a_trace_in_pyplot(planned: Plan, tmp_path: Path) -> None:
-    plot_joints(planned.problem.machine, planned.trajectory, tmp_path / "joints.png")
+    save(profiles(planned), tmp_path / "joints.png")
     assert (
         "matplotlib.pyplot" not in sys.modules or not sys.modules["matplotlib.pyplot"].get_fignums()
     )
@@ -154,17 +141,13 @@ def test_no_figure_leaves_a_trace_in_pyplot(planned: Plan, tmp_path: Path) -> No
 
 def test_matplotlib_and_rich_are_not_imported_before_they_are_needed() -> None:
     loaded = "[m for m in ('matplotlib', 'rich') if m in sys.modules]"
-    code = f"import sys, zmp_sqp.cli, zmp_sqp.show.joint_plots; print({loaded})"
+    code = f"import sys, zmp_sqp.cli, zmp_sqp.plots; print({loaded})"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 
 
-def test_a_window_fixes_both_axes_as_the_papers_are(
-    planned: Plan, baseline: Trajectory, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    saved = curves(monkeypatch)
-    plot_zmp(planned.problem, {"phase plane": baseline}, "nowhere.png", window=3.0)
-    [axes] = saved[0].axes
+def test_a_window_fixes_both_axes_as_the_papers_are(planned: Plan, baseline: Trajectory) -> None:
+    [axes] = loci_figure(planned.problem, {"phase plane": baseline}, window=3.0).axes
     assert (axes.get_xlim(), axes.get_ylim()) == ((-3.0, 3.0), (-3.0, 3.0))
 
 
@@ -200,16 +183,10 @@ def test_figures_4_to_6_show_every_planner_on_every_joint_with_dashed_limits(
     assert locus.axes[0].get_xlim() == (-3.0, 3.0)
 
 
-def test_a_base_that_drives_is_drawn_with_its_limits_its_path_and_its_footprints(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    saved = curves(monkeypatch)
+def test_a_base_that_drives_is_drawn_with_its_limits_its_path_and_its_footprints() -> None:
     found = plan(load_scenario("retreat").problem)
-    problem, motion = found.problem, found.trajectory.base
-    plot_joints(
-        problem.machine, found.trajectory, "nowhere.png", base=problem.base, ground=problem.ground
-    )
-    joints, drive, above = saved[0].subfigs
+    motion = found.trajectory.base
+    joints, drive, above = profiles(found).subfigs
     assert len(joints.axes) == 3
     way, speed, yaw, yaw_rate = drive.axes
     assert [axes.get_ylabel() for axes in drive.axes] == [
@@ -237,14 +214,12 @@ def test_a_base_that_drives_is_drawn_with_its_limits_its_path_and_its_footprints
     assert "downhill" in {text.get_text() for text in axes.texts}
 
 
-def test_a_drive_over_a_map_is_drawn_on_contour_lines_with_their_heights(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    saved = curves(monkeypatch)
+def test_a_drive_over_a_map_is_drawn_on_contour_lines_with_their_heights() -> None:
     found = plan(load_scenario("terrain").problem)
-    problem, ground = found.problem, found.problem.ground
-    plot_joints(problem.machine, found.trajectory, "nowhere.png", base=problem.base, ground=ground)
-    [axes] = saved[0].subfigs[2].axes
+    ground = found.problem.ground
+    figure = profiles(found)
+    figure.canvas.draw()
+    [axes] = figure.subfigs[2].axes
     labels = [text.get_text() for text in axes.texts if text.get_text().endswith(" m")]
     assert len(labels) >= 3
     assert "downhill" not in {text.get_text() for text in axes.texts}
@@ -256,7 +231,9 @@ def test_a_drive_over_a_map_is_drawn_on_contour_lines_with_their_heights(
             )
 
 
-def test_a_base_without_known_limits_is_drawn_without_them(tmp_path: Path) -> None:
+def test_a_base_without_known_limits_is_drawn_without_them() -> None:
     found = plan(load_scenario("paper_2_joint").problem)
-    plot_joints(found.problem.machine, found.trajectory, tmp_path / "joints.png")
-    assert (tmp_path / "joints.png").read_bytes().startswith(PNG)
+    _, drive, _ = profiles(replace(found.problem, base=None), found.trajectory).subfigs
+    assert not [
+        line for axes in drive.axes for line in axes.get_lines() if line.get_linestyle() == "--"
+    ]

@@ -130,7 +130,8 @@ def imported(package: str) -> dict[str, set[str]]:
     blocks = [node for node in tree.body if isinstance(node, ast.If)]
     lines = [line for block in blocks for line in block.body if isinstance(line, ast.ImportFrom)]
     assert lines
-    return {line.module or "": {alias.name for alias in line.names} for line in lines}
+    found = {line.module or "": {alias.name for alias in line.names} for line in lines}
+    return found | {f"{package}.{name}": set() for name in found.pop(package, ())}  # modules
 
 
 def found_at_first_use(package: str) -> dict[str, set[str]]:
@@ -166,7 +167,7 @@ from zmp_sqp import *
 assert set(zmp_sqp.__all__) <= set(globals())
 """
     modules(code)
-    wings = ("charts", "control", "mechanics", "motion", "planning", "rigorous", "studies")
+    wings = ["charts", "control", "mechanics", "motion", "planning", "plots", "rigorous", "studies"]
     for wing in wings:
         modules(f"import zmp_sqp; assert zmp_sqp.{wing}.__name__ == 'zmp_sqp.{wing}'")
 

@@ -47,8 +47,10 @@ from zmp_sqp.planning import (
 )
 from zmp_sqp.planning.constraints import registry as _registry
 from zmp_sqp.planning.constraints.registry import *  # noqa: F403 - what is known by name
+from zmp_sqp.versions import __version__ as __version__
 
 if TYPE_CHECKING:
+    from zmp_sqp import plots
     from zmp_sqp.charts import LoadChart, SwingChart, load_chart, swing_chart
     from zmp_sqp.control import Planner, plan_stop
     from zmp_sqp.mechanics import Heightmap, Inspection, inspect
@@ -86,13 +88,12 @@ else:
                 "analytic_slew_duration base_acceleration_bound diagnose moving_base_zmp "
                 "phase_plane plan plan_base slew_insight table"
             ),
+            "zmp_sqp.plots": "",
             "zmp_sqp.rigorous": "RigorousCheck RigorousGuarantee check_rigorously",
             "zmp_sqp.simulation": "Replay replay",
             "zmp_sqp.studies": "plan_many",
         },
     )
-
-__version__ = "0.1.0"
 
 __all__ = [
     "BaseMotion",
@@ -151,6 +152,7 @@ __all__ = [
     "plan_base",
     "plan_many",
     "plan_stop",
+    "plots",
     "read_motion",
     "replay",
     "shipped_machines",

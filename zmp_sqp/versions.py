@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import platform
 from contextlib import suppress
-from importlib import metadata
 
-from zmp_sqp import __version__
+__all__ = ["__version__", "installed_versions"]
 
-__all__ = ["installed_versions"]
+__version__ = "0.1.0"
 
 # Distributions whose versions may change a result: dynamics, QP solvers and linear algebra.
 PACKAGES = ("numpy", "scipy", "pin", "proxsuite", "daqp", "piqp", "qpsolvers")
@@ -20,6 +19,8 @@ def installed_versions(*extras: str) -> dict[str, str]:
     Args:
         extras: Names of further distributions, as package registries spell them.
     """
+    from importlib import metadata  # slow to import
+
     found = {"zmp-sqp": __version__, "python": platform.python_version()}
     for package in (*PACKAGES, *extras):
         with suppress(metadata.PackageNotFoundError):

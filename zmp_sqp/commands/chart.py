@@ -6,10 +6,11 @@ import argparse
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from zmp_sqp import plots
 from zmp_sqp.arrays import Array
 from zmp_sqp.charts import LoadChart, Swing, SwingChart, SwingLoad, load_chart
 from zmp_sqp.charts.arm import Arm
@@ -37,7 +38,6 @@ from zmp_sqp.commands.machine_options import (
 from zmp_sqp.errors import ScenarioError
 from zmp_sqp.mechanics import Ground, Machine, Slope, shipped_machines
 from zmp_sqp.scenario import load_scenario, shipped_scenarios
-from zmp_sqp.show.chart_plots import plot_chart, plot_swing
 from zmp_sqp.show.chart_tables import (
     CHART_KEYS,
     chart_notes,
@@ -49,6 +49,9 @@ from zmp_sqp.show.chart_tables import (
     swing_table,
     swing_title,
 )
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 __all__ = ["CHART_FILES", "add_chart", "run_chart"]
 
@@ -374,7 +377,7 @@ def _write_chart(folder: Path | None, chart: LoadChart, *, figures: bool) -> Ite
     chart.to_csv(folder / "chart.csv")
     yield f"wrote {folder / 'chart.csv'}"
     if figures:
-        yield from without_matplotlib(_draw(plot_chart, chart, folder / "chart.png"))
+        yield from without_matplotlib(_draw(plots.load_chart, chart, folder / "chart.png"))
 
 
 def _write_swing(folder: Path | None, swing: SwingChart, *, figures: bool) -> Iterator[str]:
@@ -384,9 +387,9 @@ def _write_swing(folder: Path | None, swing: SwingChart, *, figures: bool) -> It
     swing.to_csv(folder / "swing.csv")
     yield f"wrote {folder / 'swing.csv'}"
     if figures:
-        yield from without_matplotlib(_draw(plot_swing, swing, folder / "swing.png"))
+        yield from without_matplotlib(_draw(plots.swing_chart, swing, folder / "swing.png"))
 
 
-def _draw(plot: Callable[[Any, Path], None], drawn: Any, path: Path) -> Iterator[str]:
-    plot(drawn, path)
+def _draw(draw: Callable[[Any], Figure], chart: Any, path: Path) -> Iterator[str]:
+    plots.save(draw(chart), path)
     yield f"wrote {path}"

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from zmp_sqp.commands.exit_codes import EXIT_CODES
+from zmp_sqp.errors import MissingExtra
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -29,7 +30,6 @@ __all__ = [
 # a list of numbers that is spread over lines; strings in JSON have no line breaks
 NUMBERS = re.compile(r"\[\n\s*(?:-?\d[\d.eE+-]*|null)(?:,\n\s*(?:-?\d[\d.eE+-]*|null))*\n\s*\]")
 STANDARD_OUTPUT = "-"  # value of --json
-NO_MATPLOTLIB = "no figures: they need matplotlib, which `pip install zmp-sqp[plots]` brings"
 
 
 def add_command(
@@ -151,7 +151,5 @@ def without_matplotlib(lines: Iterator[str]) -> Iterator[str]:
     """Pass on the lines of a generator that draws figures; without matplotlib, one line says so."""
     try:
         yield from lines
-    except ModuleNotFoundError as missing:
-        if missing.name is None or missing.name.partition(".")[0] != "matplotlib":
-            raise
-        yield NO_MATPLOTLIB
+    except MissingExtra as missing:
+        yield f"no figures: {missing}"

@@ -29,9 +29,9 @@ from zmp_sqp.commands.study_options import (
 )
 from zmp_sqp.errors import ScenarioError, ZmpSqpError
 from zmp_sqp.planning import Problem
+from zmp_sqp.plots import envelope, save
 from zmp_sqp.scenario import read_content, scenario_of
 from zmp_sqp.scenario.variation import check_key, varied
-from zmp_sqp.show.study_plots import plot_envelope
 from zmp_sqp.show.study_tables import envelope_table
 
 __all__ = ["ENVELOPE_FILES", "add_envelope", "run_envelope"]
@@ -168,5 +168,5 @@ def _write(folder: Path, study: Study, keys: tuple[str, str], *, figures: bool) 
 
 
 def _draw(path: Path, study: Study, keys: tuple[str, str]) -> Iterator[str]:
-    plot_envelope(study.rows, *keys, path)
+    save(envelope(study.rows, *keys), path)
     yield f"wrote {path}"

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import argparse
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from zmp_sqp.arrays import Array
 from zmp_sqp.commands.console import (
     add_command,
     add_json_option,
@@ -33,6 +33,7 @@ from zmp_sqp.errors import MachineError
 from zmp_sqp.mechanics import Slope, shipped_machines
 from zmp_sqp.mechanics.inspection import Inspection, inspect
 from zmp_sqp.mechanics.summary import MISSING, joint_lines, mass_text, support_text
+from zmp_sqp.plots import machine, save
 from zmp_sqp.show.inspection_tables import (
     INSPECTION_KEYS,
     edge_table,
@@ -41,10 +42,9 @@ from zmp_sqp.show.inspection_tables import (
     pose_table,
     tree_lines,
 )
-from zmp_sqp.show.machine_picture import plot_machine
-from zmp_sqp.show.outlines import link_shapes
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
     from rich.console import Console
 
 __all__ = ["INSPECT_FILES", "add_inspect", "run_inspect"]
@@ -108,12 +108,12 @@ def run_inspect(arguments: argparse.Namespace) -> int:
     """Load, describe, print and write; returns the exit code."""
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        machine = machine_of(arguments)
+        loaded = machine_of(arguments)
     ground = Slope(roll=np.radians(arguments.roll), pitch=np.radians(arguments.pitch))
     tip, offset = arguments.tip, None
     if tip is None and arguments.payload is not None:
         tip, offset = arguments.payload_frame, arguments.payload_com
-    found = inspect(machine, ground, tip=tip, tip_offset=offset)
+    found = inspect(loaded, ground, tip=tip, tip_offset=offset)
     drawn = _drawn(found, arguments.pose)
     prepare_folder(arguments.out, INSPECT_FILES)
     path = _path(arguments.urdf)
@@ -131,8 +131,10 @@ def run_inspect(arguments: argparse.Namespace) -> int:
     _print(console, found, result)
     text = to_json(result)
     if arguments.out is not None:
-        shapes = link_shapes(path, arguments.package_dirs or ())
-        print_lines(console, _write(arguments.out, text, found, shapes, drawn))
+        picture = partial(
+            machine, found, path, package_dirs=arguments.package_dirs or (), poses=drawn
+        )
+        print_lines(console, _write(arguments.out, text, picture))
     else:
         console.print("a picture of it: --out DIR", soft_wrap=True)
     write_json(text, arguments.json, console)
@@ -195,22 +197,14 @@ def _print(console: Console, found: Inspection, result: Mapping[str, Any]) -> No
         )
 
 
-def _write(
-    folder: Path,
-    text: str,
-    found: Inspection,
-    shapes: Mapping[str, Sequence[Array]],
-    drawn: list[str],
-) -> Iterator[str]:
+def _write(folder: Path, text: str, picture: Callable[[], Figure]) -> Iterator[str]:
     """Write the files of `--out` one by one; yields a line about each."""
-    results, picture = (folder / name for name in INSPECT_FILES)
+    results, path = (folder / name for name in INSPECT_FILES)
     results.write_text(text, encoding="utf-8")
     yield f"wrote {results}"
-    yield from without_matplotlib(_draw(picture, found, shapes, drawn))
+    yield from without_matplotlib(_draw(path, picture))
 
 
-def _draw(
-    path: Path, found: Inspection, shapes: Mapping[str, Sequence[Array]], drawn: list[str]
-) -> Iterator[str]:
-    plot_machine(found, shapes, path, poses=drawn)
+def _draw(path: Path, picture: Callable[[], Figure]) -> Iterator[str]:
+    save(picture(), path)
     yield f"wrote {path}"

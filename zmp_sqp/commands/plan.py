@@ -32,23 +32,27 @@ from zmp_sqp.commands.rigorous_option import (
 )
 from zmp_sqp.planning import Plan, Problem, Trajectory, diagnose, phase_plane, plan
 from zmp_sqp.planning.problem.checks import AUTO
+from zmp_sqp.plots import locus, profiles, save
 from zmp_sqp.report.record import RECORD_KEYS, make_record
 from zmp_sqp.rigorous import RigorousCheck, check_rigorously
 from zmp_sqp.scenario import load_scenario
 from zmp_sqp.scenario.path_constraints import kinds_in_words
 from zmp_sqp.show.basis import Basis, basis_table
 from zmp_sqp.show.guarantees import guarantee_table
-from zmp_sqp.show.joint_plots import joint_unit, plot_joints
 from zmp_sqp.show.results import RESULT_KEYS, make_result
 from zmp_sqp.show.rigorous import rigorous_fields, rigorous_line, rigorous_table
-from zmp_sqp.show.tables import history_table, joint_table, runs_table, summary_table
-from zmp_sqp.show.zmp_plots import plot_zmp
+from zmp_sqp.show.tables import (
+    history_table,
+    joint_table,
+    joint_unit,
+    runs_table,
+    summary_table,
+)
 
 __all__ = ["PLAN_FILES", "add_plan", "run_plan"]
 
 # files of `--out`
 PLAN_FILES = ("plan.json", "trajectory.csv", "trajectory.json", "zmp.png", "joints.png")
-PLANNERS = {"full": "full model"}  # names of models in figures, where they differ
 DESCRIPTION = """\
 Plan the fastest motion of a scenario that is proven not to tip the machine over, and print its
 duration, margins, and what the verdict rests on. With --out write trajectory and figures.
@@ -287,16 +291,8 @@ def _write(
 
 def _draw(folder: Path, found: Plan, baseline: Trajectory | None) -> Iterator[str]:
     """Draw the figures of `--out`; yields a line about each."""
-    problem = found.problem
-    loci = {} if baseline is None else {"phase plane": baseline}
-    planner = PLANNERS.get(problem.model, problem.model)
-    plot_zmp(problem, loci | {planner: found.trajectory}, folder / "zmp.png")
+    beside = {} if baseline is None else {"phase plane": baseline}
+    save(locus(found, beside=beside), folder / "zmp.png")
     yield f"wrote {folder / 'zmp.png'}"
-    plot_joints(
-        problem.machine,
-        found.trajectory,
-        folder / "joints.png",
-        base=problem.base,
-        ground=problem.ground,
-    )
+    save(profiles(found), folder / "joints.png")
     yield f"wrote {folder / 'joints.png'}"

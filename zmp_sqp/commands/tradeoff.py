@@ -31,8 +31,8 @@ from zmp_sqp.commands.study_options import (
 )
 from zmp_sqp.errors import ProblemError
 from zmp_sqp.planning import Problem
+from zmp_sqp.plots import save, tradeoff
 from zmp_sqp.scenario import load_scenario
-from zmp_sqp.show.study_plots import plot_tradeoff
 from zmp_sqp.show.study_tables import tradeoff_table
 
 __all__ = ["TRADEOFF_FILES", "add_tradeoff", "run_tradeoff"]
@@ -162,5 +162,5 @@ def _write(folder: Path, rows: Sequence[Mapping[str, Any]], *, figures: bool) ->
 
 
 def _draw(path: Path, rows: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    plot_tradeoff(rows, path)
+    save(tradeoff(rows), path)
     yield f"wrote {path}"

@@ -18,8 +18,8 @@ from zmp_sqp.paper.runs import BASE, Motions
 from zmp_sqp.planning import Trajectory
 from zmp_sqp.planning.closed_forms.base_bound import moving_base_zmp
 from zmp_sqp.planning.closed_forms.base_motion import BaseMotion
-from zmp_sqp.show.canvas import new_figure, planner_colours, sample_times, save
-from zmp_sqp.show.zmp_plots import draw_loci, plot_zmp
+from zmp_sqp.plots.canvas import new_figure, planner_colours, sample_times, save
+from zmp_sqp.plots.loci import draw_loci, loci_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -48,7 +48,8 @@ def draw_figures(test_1: Motions, test_2: Motions, folder: Path) -> Iterator[Pat
         test_2: Motions of figs. 5 and 6, with those of the base.
         folder: Folder to write to.
     """
-    plot_zmp(test_1.problem, test_1.arms, folder / FIGURES[0], window=WINDOW, measured="simplified")
+    loci = loci_figure(test_1.problem, test_1.arms, window=WINDOW, measured="simplified")
+    save(loci, folder / FIGURES[0])
     yield folder / FIGURES[0]
     _draw_joints(test_1, folder / FIGURES[1])
     yield folder / FIGURES[1]

@@ -19,7 +19,7 @@ from zmp_sqp.planning.constraints.protocol import MotionSample, PathConstraint
 from zmp_sqp.planning.constraints.tip_over import Contact, TipOver
 from zmp_sqp.planning.proof.corner_efforts import CornerEfforts, grouped
 
-__all__ = ["ConstraintRoom", "MotionSamples", "root_at_rest"]
+__all__ = ["ConstraintRoom", "MotionSamples", "root_at_rest", "root_poses"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,6 +32,7 @@ class ConstraintRoom:
         room: Room at K times, shape (K,); -inf where it has no value.
         row: Index in `labels` of the row with the least room, shape (K,).
         labels: Rows in words.
+        every: Room of every row at the worst corner, shape (K, R).
     """
 
     name: str
@@ -39,6 +40,7 @@ class ConstraintRoom:
     room: Array
     row: Indices
     labels: tuple[str, ...]
+    every: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,7 +84,7 @@ class MotionSamples:
         nominal = Corner(problem.machine, problem.ground)
         wrench = CornerEfforts((nominal,), driven, joints=False).at(interval, since)[:, 0]
         poses = np.zeros((1, 3)) if base is None else base[0]
-        positions, rotations = _root(problem, poses)
+        positions, rotations = root_poses(problem, poses)
         with np.errstate(all="ignore"):  # efforts of a motion that failed may overflow
             rooms = _rooms(problem, driven, interval, since)
         return cls(
@@ -110,7 +112,7 @@ def _height(problem: Problem) -> float:
     return 0.0 if support is None else support.height
 
 
-def _root(problem: Problem, poses: Array) -> tuple[Array, Array]:
+def root_poses(problem: Problem, poses: Array) -> tuple[Array, Array]:
     """Root in the ground frame, whose plane is that of the support polygon where it is flat."""
     flat = not isinstance(problem.ground, Heightmap) and problem.base is None
     if flat:
@@ -122,7 +124,7 @@ def _root(problem: Problem, poses: Array) -> tuple[Array, Array]:
 
 def root_at_rest(problem: Problem) -> tuple[Array, Array]:
     """Position (3,) [m] and rotation (3, 3) in the ground frame of a root that stands still."""
-    positions, rotations = _root(problem, np.zeros((1, 3)))
+    positions, rotations = root_poses(problem, np.zeros((1, 3)))
     return positions[0], rotations[0]
 
 
@@ -162,4 +164,4 @@ def _worst(name: str, rows: Any, room: Array) -> ConstraintRoom:
     scale = np.where(np.isfinite(rows.resolution), rows.resolution, 1.0)
     row = np.argmin(room / scale, axis=1)
     least = room[np.arange(len(row)), row]
-    return ConstraintRoom(name, tuple(rows.units), least, row, tuple(rows.labels))
+    return ConstraintRoom(name, tuple(rows.units), least, row, tuple(rows.labels), room)

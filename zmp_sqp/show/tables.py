@@ -5,13 +5,22 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from zmp_sqp.mechanics import Machine
 from zmp_sqp.planning import Plan
 
 if TYPE_CHECKING:
     from rich.table import Table
     from rich.text import Text
 
-__all__ = ["history_table", "joint_table", "key_table", "margin_text", "new_table", "summary_table"]
+__all__ = [
+    "history_table",
+    "joint_table",
+    "joint_unit",
+    "key_table",
+    "margin_text",
+    "new_table",
+    "summary_table",
+]
 
 
 def summary_table(result: Mapping[str, Any]) -> Table:
@@ -65,6 +74,11 @@ def joint_table(result: Mapping[str, Any], unit: str) -> Table:
     for name, joint in result["joints"].items():
         table.add_row(name, *(_number(value) for value in joint.values()))
     return table
+
+
+def joint_unit(machine: Machine) -> str:
+    """Unit of the joint coordinates: "rad", "m", or "rad or m" if both occur."""
+    return " or ".join(unit for unit in ("rad", "m") if unit in machine.joint_units)
 
 
 def history_table(found: Plan) -> Table:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -10,20 +11,18 @@ import numpy as np
 import pinocchio as pin
 
 from zmp_sqp.arrays import Array, length_text
+from zmp_sqp.errors import MachineError
 from zmp_sqp.mechanics.inspection import Inspection, PoseReport
-from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.summary import mass_text
-from zmp_sqp.show.canvas import new_figure, save
-from zmp_sqp.show.outlines import hull
+from zmp_sqp.plots.canvas import new_figure
+from zmp_sqp.plots.outlines import hull, joint_colours, shapes_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
-__all__ = ["plot_machine"]
+__all__ = ["machine"]
 
-# Okabe & Ito 2008: distinguishable with any colour vision; black is for text and centre of mass
-LINK_COLOURS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00")
-BASE_COLOUR = "#8a8f98"  # of all that no planned joint moves
 ZMP_COLOUR, SUPPORT_COLOUR, TIP_COLOUR = "#c00000", "#2e7d32", "#6a1b9a"
 COLUMN = 5.6  # [inch] width of one pose
 SHORTEST, TALLEST = 2.0, 5.5  # [inch] height of one view
@@ -73,25 +72,35 @@ class _Scene(NamedTuple):
     colours: Mapping[int, str]
 
 
-def plot_machine(
+def machine(
     found: Inspection,
-    shapes: Mapping[str, Sequence[Array]],
-    path: str | Path,
+    urdf: str | PathLike[str] | None = None,
     *,
+    package_dirs: Sequence[str | Path] = (),
     poses: Sequence[str] | None = None,
-) -> None:
-    """Draw a machine at rest, one pose beside the other, from the side and from above.
+) -> Figure:
+    """Machine at rest, one pose beside the other, from the side and from above.
 
-    The axes are those of the root frame (REP-103). At rest the ZMP lies where the vertical through
-    the centre of mass meets the ground; the two are joined by a dashed line.
+    The axes are those of the root frame (REP-103) in metres. At rest the ZMP lies where the
+    vertical through the centre of mass meets the ground; the two are joined by a dashed line. The
+    shapes are the convex hulls of those in the URDF; links without shapes are lines between joints.
 
     Args:
         found: Made by `inspect`.
-        shapes: Corner points of the links' shapes, see `link_shapes`; links without shapes are
-            lines between joints.
-        path: File to write; its ending chooses the format.
+        urdf: File or name from which the machine was loaded, for its shapes; None is that of a
+            shipped machine with the same name and links, and no shapes otherwise.
+        package_dirs: Folders of packages with meshes, as for `load_machine`.
         poses: Names of the poses to draw; None draws all.
+
+    Raises:
+        MachineError: There is no such file, or no such pose.
+        MissingExtra: matplotlib is not installed.
     """
+    known = [pose.name for pose in found.poses]
+    for name in poses or ():
+        if name not in known:
+            raise MachineError(f"there is no pose {name!r}; poses are {', '.join(known)}")
+    shapes = shapes_of(found.machine, urdf, package_dirs)
     scenes = [
         _scene(found, pose, shapes) for pose in found.poses if poses is None or pose.name in poses
     ]
@@ -105,8 +114,8 @@ def plot_machine(
             axes.set(xlim=(low[0], high[0]), ylim=(low[view.vertical], high[view.vertical]))
             axes.set_aspect("equal", adjustable="box")
             _draw(axes, scene, view, size=float((high - low).max()))
-    machine = found.machine
-    figure.suptitle(f"{machine.name}: {mass_text(machine.mass)}", fontsize=12)
+    title = f"{found.machine.name}: {mass_text(found.machine.mass)}"
+    figure.suptitle(title, fontsize=12)
     entries: dict[str, Any] = {}
     for axes in figure.axes:
         handles, labels = axes.get_legend_handles_labels()
@@ -114,14 +123,14 @@ def plot_machine(
     figure.legend(
         entries.values(), entries.keys(), loc="outside lower center", ncols=3, fontsize=8.5
     )
-    save(figure, path)
+    return figure
 
 
 def _scene(found: Inspection, pose: PoseReport, shapes: Mapping[str, Sequence[Array]]) -> _Scene:
     model = found.machine.model
     data = model.createData()
     pin.framesForwardKinematics(model, data, found.machine.configuration(pose.q[None])[0])
-    colours = _joint_colours(found.machine)
+    colours = joint_colours(found.machine)
     outlines = []
     for link in found.links:
         placement = data.oMf[link.frame]
@@ -149,20 +158,6 @@ def _without_substance(found: Inspection, shapes: Mapping[str, Sequence[Array]])
         else:
             bare.add(link.frame)
     return bare
-
-
-def _joint_colours(machine: Machine) -> dict[int, str]:
-    """Colour of what each joint of the model moves: a new one after each planned joint."""
-    model = machine.model
-    colours = {0: BASE_COLOUR, 1: BASE_COLOUR}
-    planned = {model.getJointId(name): i for i, name in enumerate(machine.joint_names)}
-    for joint in range(2, model.njoints):
-        colours[joint] = (
-            LINK_COLOURS[planned[joint] % len(LINK_COLOURS)]
-            if joint in planned
-            else colours[model.parents[joint]]
-        )
-    return colours
 
 
 def _extent(scenes: Sequence[_Scene]) -> tuple[Array, Array]:

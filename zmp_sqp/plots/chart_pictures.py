@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,7 +11,7 @@ import numpy as np
 from zmp_sqp.arrays import Array
 from zmp_sqp.charts import LoadChart, SwingChart
 from zmp_sqp.charts.static_loads import ALL_ROUND, TIPPING
-from zmp_sqp.show.canvas import new_figure, save
+from zmp_sqp.plots.canvas import new_figure
 from zmp_sqp.show.chart_tables import (
     OUT_OF_REACH,
     amount_text,
@@ -28,8 +27,9 @@ from zmp_sqp.show.chart_tables import (
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
-__all__ = ["plot_chart", "plot_swing"]
+__all__ = ["load_chart", "swing_chart"]
 
 CELL_WIDTH, CELL_HEIGHT = 0.62, 0.26  # [in] of the table
 SIDE_VIEW = 4.6  # [in] width and height of the picture from the side
@@ -49,15 +49,17 @@ class _Cell:
     colour: str
 
 
-def plot_chart(chart: LoadChart, path: str | Path) -> None:
-    """Draw a load chart: heights from the top, radii split over the sectors, largest radius last.
+def load_chart(chart: LoadChart) -> Figure:
+    """Load chart: heights from the top, radii split over the sectors, largest radius last.
 
     Cells limited by tipping are white, those limited by a joint are shaded. Above the table the
     loads all round are drawn over radius and height, with the largest radius of each height.
 
     Args:
         chart: The chart.
-        path: File to write; its ending chooses the format.
+
+    Raises:
+        MissingExtra: matplotlib is not installed.
     """
     unit = load_unit(chart)
     count = len(chart.sectors)
@@ -68,15 +70,17 @@ def plot_chart(chart: LoadChart, path: str | Path) -> None:
     notes = [letters_in_words(chart), *chart_notes(chart)]
     title = f"{chart.machine.name}: rated load [{unit}]"
     loads = chart.grid.rated[:, :, ALL_ROUND]
-    _draw(chart, loads, title, (groups, heads, table), notes, path)
+    return _draw(chart, loads, title, (groups, heads, table), notes)
 
 
-def plot_swing(swing: SwingChart, path: str | Path) -> None:
-    """Draw the largest loads of a swing over radius and height, and as a table.
+def swing_chart(swing: SwingChart) -> Figure:
+    """Largest loads of a swing over radius and height, and as a table.
 
     Args:
         swing: The loads.
-        path: File to write; its ending chooses the format.
+
+    Raises:
+        MissingExtra: matplotlib is not installed.
     """
     chart, unit = swing.chart, load_unit(swing.chart)
     groups = [("height", 1), *((f"{text} m", 1) for text in length_texts(chart.radii))]
@@ -86,7 +90,7 @@ def plot_swing(swing: SwingChart, path: str | Path) -> None:
         cells = [_Cell(text, NONE if text == OUT_OF_REACH else TIPS) for text in texts]
         table.append([_Cell(f"{length_texts(chart.heights)[row]} m", HEADER), *cells])
     title = f"{chart.machine.name}: {swing_title(swing)}"
-    _draw(chart, swing.loads, title, (groups, None, table), swing_notes(swing), path)
+    return _draw(chart, swing.loads, title, (groups, None, table), swing_notes(swing))
 
 
 def _row(chart: LoadChart, row: int, unit: str) -> list[_Cell]:
@@ -111,9 +115,8 @@ def _draw(
     title: str,
     table: tuple[Sequence[tuple[str, int]], Sequence[str] | None, Sequence[Sequence[_Cell]]],
     notes: Sequence[str],
-    path: str | Path,
-) -> None:
-    """Draw picture, table and notes one above the other.
+) -> Figure:
+    """Picture, table and notes one above the other.
 
     Args:
         chart: The chart.
@@ -121,7 +124,6 @@ def _draw(
         title: Title of the figure.
         table: Groups of columns with their widths, heads of columns or None, and rows.
         notes: Sentences below the table.
-        path: File to write.
     """
     groups, heads, rows = table
     columns = sum(width for _, width in groups)
@@ -147,7 +149,7 @@ def _draw(
     text = axes(3, 1.0)
     text.axis("off")
     text.text(0.0, 0.9, "\n".join(notes), fontsize=FONT, va="top", transform=text.transAxes)
-    save(figure, path)
+    return figure
 
 
 def _draw_side_view(axes: Axes, chart: LoadChart, loads: Array) -> None:

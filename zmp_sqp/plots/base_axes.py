@@ -9,6 +9,7 @@ import numpy as np
 from zmp_sqp.arrays import Array
 from zmp_sqp.mechanics import Ground, SupportPolygon, Terrain
 from zmp_sqp.planning import UnicycleBase, UnicycleMotion
+from zmp_sqp.plots.canvas import COLOURS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -19,7 +20,7 @@ __all__ = ["draw_base", "draw_plan_view"]
 
 LABELS = ("distance [m]", "speed [m/s]", "yaw [rad]", "yaw rate [rad/s]")
 # colours of the path, and of the footprints at start and goal
-COLOUR, FIRST, LAST = "tab:red", "tab:green", "tab:blue"
+COLOUR, FIRST, LAST = COLOURS[1], COLOURS[2], COLOURS[0]
 APART = 1.2  # [m driven or rad of yaw] between footprints
 LEVEL = 1e-3  # sine of the steepest slope that gets no arrow downhill
 SAMPLES = 121  # of a heightmap along each axis, for contour lines
