@@ -1,7 +1,8 @@
-"""Problems with one joint whose optimal duration is known in closed form, with its derivation."""
+"""Problems with one joint whose optimum is known in closed form, and a machine of many joints."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ __all__ = [
     "slew_time",
     "slider",
     "slider_time",
+    "stack_of_slides",
 ]
 
 # --- slider: a mass at constant height ----------------------------------------------------------
@@ -147,3 +149,23 @@ def double_integrator(
     )
     problem = scene.problem([-0.5 * distance], [0.5 * distance], intervals=intervals)
     return NamedProblem(f"double_integrator_{distance}", scene, problem, optimum)
+
+
+# --- many joints ----------------------------------------------------------------------------------
+
+
+def stack_of_slides(folder: Path, joints: int) -> Path:
+    """URDF of a heavy base that carries one slide upon another, along x and y in turn."""
+    box = '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>'
+    parts = [f'<link name="base"><inertial><mass value="100"/>{box}</inertial></link>']
+    for k in range(joints):
+        parent, axis = f"slide_{k - 1}" if k else "base", "0 1 0" if k % 2 else "1 0 0"
+        parts.append(
+            f'<joint name="joint_{k}" type="prismatic"><parent link="{parent}"/>'
+            f'<child link="slide_{k}"/><origin xyz="0 0 0.1"/><axis xyz="{axis}"/>'
+            f'<limit lower="-0.1" upper="0.1" velocity="1" effort="1"/></joint>'
+            f'<link name="slide_{k}"><inertial><mass value="1"/>{box}</inertial></link>'
+        )
+    path = folder / f"stack_of_{joints}.urdf"
+    path.write_text(f'<robot name="stack">{"".join(parts)}</robot>', encoding="utf-8")
+    return path

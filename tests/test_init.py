@@ -13,6 +13,7 @@ import yaml
 
 import zmp_sqp as zs
 import zmp_sqp.cli as cli
+from tests.problems import stack_of_slides
 from tests.test_inspect import BARE
 from zmp_sqp.scenario import load_scenario
 from zmp_sqp.scenario.starter import find_starter
@@ -207,3 +208,11 @@ def test_the_working_folder_is_the_default(tmp_path: Path, monkeypatch: pytest.M
     monkeypatch.chdir(tmp_path)
     assert cli.main(["init", "slewing_crane"]) == 0
     assert sorted(os.listdir(tmp_path)) == ["joint_limits.yaml", "slewing_crane.toml"]
+
+
+@pytest.mark.parametrize(("joints", "few"), [(12, False), (13, True)])
+def test_many_joints_get_few_intervals(joints: int, few: bool, tmp_path: Path) -> None:
+    path, out = stack_of_slides(tmp_path, joints), tmp_path / "study"
+    cli.main(["init", str(path), "--out", str(out)])
+    scenario = tomllib.loads((out / f"{path.stem}.toml").read_text())
+    assert scenario["plan"].get("intervals") == (24 if few else None)

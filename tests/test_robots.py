@@ -9,7 +9,12 @@ import pinocchio as pin
 import pytest
 
 import zmp_sqp as zs
-from benchmarks.problems.robots import load_robot, robot_files, robots_folder
+from benchmarks.problems.robots import (
+    load_robot,
+    random_problems,
+    robot_files,
+    robots_folder,
+)
 from benchmarks.robots import run
 
 FOLDER = robots_folder()
@@ -57,6 +62,26 @@ def test_arms_of_others_are_planned_and_certified(name: str) -> None:
     assert (row["problems"], row["solved"]) == (2, 2), row
     assert row["standing"] >= 0.5
     assert row["held"] > 0
+
+
+def test_all_joints_of_a_humanoid_are_planned_on_few_intervals() -> None:
+    path = FOLDER / "talos_data/robots/talos_reduced.urdf"
+    robot = load_robot(path, FOLDER, whole=True)
+    assert robot.machine is not None
+    assert robot.machine.size == 20
+    assert "torso_1_joint" in robot.machine.joint_names
+    assert not any(name.startswith("leg") for name in robot.machine.joint_names)
+    assert next(random_problems(robot, 1))[1].intervals == 24
+    row = run(path, FOLDER, 2, whole=True)
+    assert (row["problems"], row["solved"]) == (2, 2), row
+
+
+def test_blocked_problems_are_told_from_missed_ones() -> None:
+    """The shoulder of a UR5 passes the horizontal; one with narrower limits never has to."""
+    row = run(FOLDER / "ur_description/urdf/ur5_robot.urdf", FOLDER, 2)
+    assert (row["problems"], row["solved"], row["blocked"]) == (2, 0, 2)
+    row = run(FOLDER / "ur_description/urdf/ur10_joint_limited_robot.urdf", FOLDER, 2)
+    assert (row["problems"], row["solved"], row["blocked"]) == (2, 2, 0)
 
 
 def test_what_has_no_arm_says_so() -> None:

@@ -3,9 +3,10 @@
 Nothing is adapted to a robot by hand. What is planned: the joints of the SRDF's group with "arm" in
 its name that moves the most mass; without one all joints, if they are at most twelve and the robot
 does not stand on what they move; else the chain of at most twelve joints with the most mass that
-carries no foot. Where it stands: on what `load_machine` finds, else on the rectangle around its
-lowest shapes. How fast: its velocity limits, 1 rad/s or 0.3 m/s where there are none, at most
-6 rad/s or 2 m/s, reached in half a second.
+carries no foot. `load_robot(whole=True)` plans all joints that carry neither foot nor wheel, if
+they are more than twelve. Where it stands: on what `load_machine` finds, else on the rectangle
+around its lowest shapes. How fast: its velocity limits, 1 rad/s or 0.3 m/s where there are none, at
+most 6 rad/s or 2 m/s, reached in half a second.
 """
 
 from __future__ import annotations
@@ -23,9 +24,12 @@ import pinocchio as pin
 
 import zmp_sqp as zs
 from zmp_sqp.mechanics.urdf.srdf import read_srdf
+from zmp_sqp.planning.problem.intervals import MANY_JOINTS, suggested_intervals
 
 __all__ = [
+    "MOST_JOINTS",
     "Robot",
+    "blocked_at",
     "load_robot",
     "random_problems",
     "robot_files",
@@ -34,15 +38,18 @@ __all__ = [
 ]
 
 PACKAGE = "example-robot-data"
-MOST_JOINTS = 12
+MOST_JOINTS = MANY_JOINTS
 SPEEDS = {"rad": 1.0, "m": 0.3}  # [rad/s or m/s] where the URDF gives none
 FASTEST = {"rad": 6.0, "m": 2.0}  # [rad/s or m/s] where it gives more, which stands for no limit
 RANGES = {"rad": np.pi, "m": 0.5}  # [rad or m] to either side of zero where there are no limits
 NO_LIMIT = 100.0  # [rad or m] beyond which a limit stands for none
 STARTING = 0.5  # [s] in which a joint reaches its velocity limit
 STEEPEST = np.radians(10.0)  # of roll and pitch of the slopes
+TRIED, IMPROVED = 3000, 12  # random poses, and rounds that improve them, at one joint value
+VALUES = 12  # of a joint between start and goal, at which standing poses are looked for
 POSES = 4000  # random poses among which standing ones are looked for
 FOOT = 0.1  # [m] above the lowest link, within which links are feet
+WHEEL = re.compile("wheel|caster")
 ARM = re.compile("arm|manipulator", re.IGNORECASE)
 
 
@@ -81,15 +88,25 @@ def robot_files(folder: Path) -> tuple[Path, ...]:
     return tuple(sorted(folder.rglob("*.urdf")))
 
 
-def load_robot(path: Path, folder: Path) -> Robot:
-    """Load a robot and choose what is planned; raises MachineError if it does not load."""
+def load_robot(path: Path, folder: Path, *, whole: bool = False) -> Robot:
+    """Load a robot and choose what is planned; raises MachineError if it does not load.
+
+    Args:
+        path: URDF.
+        folder: Folder of all robots.
+        whole: Whether to plan all joints that carry neither foot nor wheel, if there are more than
+            twelve, instead of one arm.
+    """
     options: dict[str, Any] = {"package_dirs": [folder.parents[1]]}
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
-        whole = zs.load_machine(path, **options)
+        complete = zs.load_machine(path, **options)
         texts = tuple(str(warning.message).removeprefix(f"{path}: ") for warning in said)
-        options["srdf"] = _srdf(path, whole)
-        chosen, planned = _chosen(path, whole, texts, options)
+        options["srdf"] = _srdf(path, complete)
+        if whole:
+            chosen, planned = _all_free(complete)
+        else:
+            chosen, planned = _chosen(path, complete, texts, options)
         if chosen is None:
             return Robot(path, None, said=texts, refusal=planned)
         machine = zs.load_machine(path, **options, **chosen)
@@ -118,21 +135,76 @@ def random_problems(robot: Robot, count: int) -> Iterator[tuple[int, zs.Problem]
         slope = zs.Slope(roll=roll, pitch=pitch)
         standing = _standing_poses(machine, slope, rng)
         if len(standing) >= 2:
-            yield seed, zs.Problem(machine, standing[0], standing[1], ground=slope, intervals=50)
+            yield (
+                seed,
+                zs.Problem(
+                    machine,
+                    standing[0],
+                    standing[1],
+                    ground=slope,
+                    intervals=suggested_intervals(machine.size),
+                ),
+            )
             count -= 1
         if count == 0 or (seed >= 2 and not len(standing)):
             return
 
 
+def blocked_at(problem: zs.Problem) -> tuple[str, float, float] | None:
+    """Joint, its value and the best margin [m] there, where every way to the goal is blocked.
+
+    A joint passes all values between start and goal. Where the best pose that is found with the
+    joint at one of them tips over at rest, no slow motion leads to the goal. Best poses are looked
+    for among random ones, then by smaller and smaller random changes of the best twenty.
+    """
+    machine, rng = problem.machine, np.random.default_rng(0)
+    low, high = _ranges(machine)
+    low = np.minimum(low, np.minimum(problem.start, problem.goal))
+    high = np.maximum(high, np.maximum(problem.start, problem.goal))
+
+    def margins(q: np.ndarray) -> np.ndarray:
+        still = np.zeros_like(q)
+        return np.asarray(zs.stability_margin(machine, q, still, still, problem.ground))
+
+    def best(joint: int, value: float) -> float:
+        q, step = rng.uniform(low, high, (TRIED, machine.size)), 0.2 * (high - low)
+        q[:, joint] = value
+        found = margins(q)
+        for _ in range(IMPROVED):
+            if found.max() > 0.0:
+                break
+            kept = np.argsort(-found)[:20]
+            sizes = rng.choice([1.0, 0.1], (300, 1))
+            new = np.repeat(q[kept], 15, axis=0) + sizes * step * rng.normal(size=(300, len(low)))
+            new = np.clip(new, low, high)
+            new[:, joint] = value
+            q, found = np.vstack([q[kept], new]), np.concatenate([found[kept], margins(new)])
+            step = 0.75 * step
+        return float(found.max())
+
+    worst: tuple[str, float, float] | None = None
+    for joint, name in enumerate(machine.joint_names):
+        for value in np.linspace(problem.start[joint], problem.goal[joint], VALUES + 2)[1:-1]:
+            margin = best(joint, float(value))
+            if margin < min(0.0, np.inf if worst is None else worst[2]):
+                worst = name, float(value), margin
+    return worst
+
+
 def _standing_poses(machine: zs.Machine, slope: zs.Slope, rng: np.random.Generator) -> np.ndarray:
     """Random poses within the joint limits at which the machine stands at rest."""
-    low, high = machine.limits.position_lower, machine.limits.position_upper
-    wide = np.array([RANGES[unit] for unit in machine.joint_units])
-    low = np.where(np.abs(low) < NO_LIMIT, low, -wide)
-    high = np.where(np.abs(high) < NO_LIMIT, high, wide)
+    low, high = _ranges(machine)
     q = rng.uniform(low, high, (POSES, machine.size))
     still = np.zeros_like(q)
     return q[zs.stability_margin(machine, q, still, still, slope) > 1e-3 * machine.support.reach]
+
+
+def _ranges(machine: zs.Machine) -> tuple[np.ndarray, np.ndarray]:
+    """Position limits, or the usual ranges where there are none."""
+    low, high = machine.limits.position_lower, machine.limits.position_upper
+    wide = np.array([RANGES[unit] for unit in machine.joint_units])
+    low = np.where(np.abs(low) < NO_LIMIT, low, np.minimum(-wide, high))
+    return low, np.where(np.abs(high) < NO_LIMIT, high, np.maximum(wide, low))
 
 
 def _srdf(path: Path, whole: zs.Machine) -> Path | None:
@@ -167,7 +239,7 @@ def _chosen(
         if masses:
             best = max(masses, key=masses.__getitem__)
             return {"group": best}, f"group {best}"
-    wheeled = any(re.search("wheel|caster", name) for name in whole.joint_names)
+    wheeled = any(WHEEL.search(name) for name in whole.joint_names)
     hanging = [text for text in said if "moves and is" in text]
     if whole.size <= MOST_JOINTS and not wheeled:
         return (None, f"no arm on a base: {hanging[0]}") if hanging else ({}, "all joints")
@@ -182,8 +254,21 @@ def _moved_mass(machine: zs.Machine, names: Sequence[str]) -> float:
     return float(sum(machine.model.inertias[machine.model.getJointId(name)].mass for name in names))
 
 
-def _heaviest_chain(whole: zs.Machine) -> list[str]:
-    """Planned joints of the chain with the most mass that carries no foot."""
+def _all_free(whole: zs.Machine) -> tuple[dict[str, Any] | None, str]:
+    """Arguments that choose all joints that carry neither foot nor wheel, if they are many."""
+    carrying = {at for foot in _feet(whole) for at in list(whole.model.supports[foot])}
+    names = [
+        name
+        for name in whole.joint_names
+        if whole.model.getJointId(name) not in carrying and not WHEEL.search(name)
+    ]
+    if len(names) <= MOST_JOINTS:
+        return None, f"{len(names)} joints carry neither foot nor wheel"
+    return {"joints": names}, f"all {len(names)} that carry no foot"
+
+
+def _feet(whole: zs.Machine) -> set[int]:
+    """Joints that carry the lowest links directly."""
     model, data = whole.model, whole.model.createData()
     pin.framesForwardKinematics(model, data, pin.neutral(model))
     heights = {
@@ -191,9 +276,14 @@ def _heaviest_chain(whole: zs.Machine) -> list[str]:
         for i, frame in enumerate(model.frames)
         if frame.type == pin.FrameType.BODY
     }
-    feet = {
+    return {
         model.frames[i].parentJoint for i, z in heights.items() if z < min(heights.values()) + FOOT
     }
+
+
+def _heaviest_chain(whole: zs.Machine) -> list[str]:
+    """Planned joints of the chain with the most mass that carries no foot."""
+    model, feet = whole.model, _feet(whole)
     best: list[str] = []
     for joint in range(2, model.njoints):
         path = [at for at in list(model.supports[joint]) if at > 1]

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 import zmp_sqp as zs
 from benchmarks.problems.arm import HARD, random_problem
+from tests.problems import stack_of_slides
 from zmp_sqp.scenario import load_scenario
 
+SUPPORT = zs.SupportPolygon([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
 PROMISED = 1e-3  # of the duration on a grid four times as fine
 
 
@@ -68,3 +72,18 @@ def test_every_run_of_the_search_is_told_of() -> None:
     assert fine.status == "optimal"
     assert fine.duration == pytest.approx(plan.duration, rel=1e-6)
     assert sum(run.iterations for run in plan.runs) == plan.iterations
+
+
+@pytest.mark.parametrize(("joints", "first"), [(5, 50), (12, 50), (13, 24)])
+def test_more_than_twelve_joints_start_on_fewer_intervals(
+    joints: int, first: int, tmp_path: Path
+) -> None:
+    machine = zs.load_machine(stack_of_slides(tmp_path, joints), support=SUPPORT)
+    machine = machine.with_limits(velocity=1.0, acceleration=1.0)
+    q = np.full(joints, 0.02)
+    problem = zs.Problem(machine, -q, q, intervals="auto")
+    assert problem.first_intervals == first
+    assert zs.plan(problem).success
+    # numbers are obeyed, and the default is the same for all
+    assert zs.Problem(machine, -q, q, intervals=7).first_intervals == 7
+    assert zs.Problem(machine, -q, q).first_intervals == 50

@@ -15,6 +15,7 @@ from zmp_sqp.arrays import Array
 from zmp_sqp.errors import ContactLost, ProblemError
 from zmp_sqp.mechanics import Ground, Machine, stability_margin
 from zmp_sqp.mechanics.named_poses import named_poses
+from zmp_sqp.planning.problem.intervals import MANY_JOINTS, suggested_intervals
 
 __all__ = ["TRIED", "Starter", "find_starter", "starter_text"]
 
@@ -142,6 +143,11 @@ def starter_text(
     ]
     margin = starter.margin if starter.margin > 0.0 else 0.0
     lines.append(f"margin = {margin:g}  # [m] kept between the ZMP and every edge of the polygon")
+    if machine.size > MANY_JOINTS:
+        few = suggested_intervals(machine.size)
+        lines.append(
+            f"intervals = {few}  # of the time grid; 50 take twice as long with many joints"
+        )
     return "\n".join([*lines, ""])
 
 

@@ -30,6 +30,7 @@ from zmp_sqp.planning.problem.checks import (
     checked_intervals,
     checked_margin,
 )
+from zmp_sqp.planning.problem.intervals import suggested_intervals
 from zmp_sqp.planning.problem.statics import (
     check_at_rest,
     check_constraints_at_rest,
@@ -48,7 +49,6 @@ LEVEL = Slope()  # the default ground
 MODELS = ("full", "simplified")  # values of `Problem.model`
 # arguments with one number per joint
 STATES = ("start", "goal", "start_velocity", "goal_velocity")
-FIRST_INTERVALS = 50  # where the planner chooses
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,8 +72,9 @@ class Problem:
         start_velocity: Joint rates at the start, shape (n,) [rad/s or m/s]; None is rest.
         goal_velocity: Joint rates at the goal, shape (n,) [rad/s or m/s]; None is rest.
         margin: Required distance from the ZMP to every edge of the support polygon [m].
-        intervals: Number N of equal intervals of the time grid; with "auto" as many, from 50 on, as
-            bring the duration within 0.1 % of that on a grid four times as fine, by estimate.
+        intervals: Number N of equal intervals of the time grid. With "auto" as many, from 50 on (24
+            for more than 12 joints), as bring the duration within 0.1 % of that on a grid four
+            times as fine, by estimate.
         model: "full" plans every joint; "simplified" plans the slew angle and the distance of the
             lumped mass from the slew axis (Song & Sharf 2020, eq. (20)).
         distance_limits: Bounds on the lumped mass that replace the limits of boom, stick and
@@ -151,8 +152,9 @@ class Problem:
 
     @property
     def first_intervals(self) -> int:
-        """Number of intervals of the first grid that has the last word: N, or 50."""
-        return FIRST_INTERVALS if isinstance(self.intervals, str) else self.intervals
+        """Number of intervals of the first grid that has the last word; N unless it is "auto"."""
+        given = self.intervals
+        return suggested_intervals(self.machine.size) if isinstance(given, str) else given
 
     def _set(self, name: str, value: Any) -> None:
         object.__setattr__(self, name, value)

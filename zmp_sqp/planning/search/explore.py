@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.planning.program.grid import ENDS, Grid
 from zmp_sqp.planning.program.staged import POINTS, Motion, StagedProgram
+from zmp_sqp.planning.search.detour import detour
 from zmp_sqp.planning.search.keep_bound import at_the_bound
 from zmp_sqp.planning.search.run import Candidate, Runs
 from zmp_sqp.planning.search.task import Task
@@ -37,6 +40,8 @@ LESS = 0.95  # a slow motion is pursued if its violation is below this share of 
 # statuses after which no further guess is tried
 ENOUGH = (SQPStatus.BOUND_REACHED, SQPStatus.OPTIMAL, SQPStatus.FEASIBLE)
 
+Guess = Callable[[int], tuple[Array, float]]
+
 
 def explore(task: Task, runs: Runs) -> Candidate:
     """Fastest feasible motion of all guesses; the least-violating motion if none is feasible."""
@@ -46,7 +51,9 @@ def explore(task: Task, runs: Runs) -> Candidate:
         return found
     tried: list[Candidate] = []
     for pace, smooth in GUESSES:
-        tried.append(_coarse_to_fine(task, runs, pace, smooth=smooth))
+        guess = partial(task.guess, pace * task.least, smooth=smooth)
+        purpose = f"{'cubic' if smooth else 'bang-coast-bang'}, {pace:g} x bound"
+        tried.append(_coarse_to_fine(task, runs, guess, purpose))
         last = tried[-1].result.status
         far = tried[-1].duration > FAR_ABOVE * task.lower_bound
         if last in ENOUGH and far and len(tried) == 1 and _may_be_faster(task, runs, tried[0]):
@@ -54,7 +61,14 @@ def explore(task: Task, runs: Runs) -> Candidate:
         if last in ENOUGH or last is SQPStatus.INFEASIBLE or runs.is_late:
             break
     best = min(tried, key=_rank)
-    return best if best.is_feasible or runs.is_late else _slower(task, runs, best)
+    if best.is_feasible or runs.is_late:
+        return best
+    around = detour(task, runs)
+    if around is not None:
+        found = _coarse_to_fine(task, runs, around, "along poses that stand")
+        if found.is_feasible or runs.is_late:
+            return min(best, found, key=_rank)
+    return _slower(task, runs, best)
 
 
 def _may_be_faster(task: Task, runs: Runs, found: Candidate) -> bool:
@@ -83,14 +97,19 @@ def _rank(candidate: Candidate) -> tuple[bool, float]:
     return not feasible, candidate.duration if feasible else scaled
 
 
-def _coarse_to_fine(task: Task, runs: Runs, pace: float, *, smooth: bool) -> Candidate:
-    """SQP run on a coarse grid, continued on grids twice as fine up to the problem's own."""
+def _coarse_to_fine(task: Task, runs: Runs, guess: Guess, purpose: str) -> Candidate:
+    """SQP run on a coarse grid, continued on grids twice as fine up to the problem's own.
+
+    Args:
+        task: Task to plan.
+        runs: Runner of the SQP.
+        guess: Accelerations T^2 a, shape (N, 2, n), and duration T [s] on N equal intervals.
+        purpose: Name of the guess, for the record of the run.
+    """
     sizes = _grid_sizes(task.problem.first_intervals)
-    controls, duration = task.guess(pace * task.least, sizes[0], smooth=smooth)
+    controls, duration = guess(sizes[0])
     program = task.program(duration, Grid.of(sizes[0]))
     settings = COARSE if len(sizes) > 1 and not task.problem.refines else SQPSettings()
-    shape = "cubic" if smooth else "bang-coast-bang"
-    purpose = f"{shape}, {pace:g} x bound"
     point = program.pack(controls, duration**2)
     found = runs.minimize(program, point, settings, purpose=purpose)
     if found.result.status is SQPStatus.INFEASIBLE:  # only the finest grid may change that

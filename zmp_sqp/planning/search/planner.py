@@ -117,6 +117,8 @@ def answer(
         message = success_message(status, checked, duration=duration, lower_bound=lower_bound)
     else:
         message = failure_message(problem, status, checked, proven.obstacle, duration=duration)
+        if status is Status.INFEASIBLE and runs.reason:
+            message = f"{message} {runs.reason}"
     return Plan(
         problem=problem,
         status=status,

@@ -96,6 +96,7 @@ class Runs:
         history: Records of all iterations so far.
         runs: One record per run so far.
         proof_time: Time of the last certificate [s]; 0 before the first.
+        reason: Sentence that says why nothing was found; empty if that is not known.
         clock: Clock of deadline and records [s].
     """
 
@@ -108,6 +109,7 @@ class Runs:
     history: list[IterationRecord] = field(default_factory=list)
     runs: list[SearchRun] = field(default_factory=list)
     proof_time: float = 0.0
+    reason: str = ""
     clock: Callable[[], float] = time.perf_counter
 
     @classmethod
