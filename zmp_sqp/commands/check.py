@@ -17,6 +17,7 @@ from zmp_sqp.commands.check_motion import (
     motion_fields,
     motion_lines,
 )
+from zmp_sqp.commands.check_plan import add_opinion, plan_hint
 from zmp_sqp.commands.check_question import Question, question_of
 from zmp_sqp.commands.check_verdict import (
     boundary_faults,
@@ -30,6 +31,7 @@ from zmp_sqp.commands.console import (
     add_command,
     add_json_option,
     make_console,
+    print_lines,
     to_json,
     write_json,
 )
@@ -82,10 +84,13 @@ become the motion that --interpolation names, by default what a ROS joint_trajec
 plays: "cubic" through positions and velocities, "quintic" with accelerations; positions alone,
 which it joins by straight lines with infinite accelerations, become a "spline" with continuous
 ones. The certificate is of exactly that motion; how far it departs from the samples is printed.
+A plan.json holds motion and scenario and is checked alone; with --rigorous the second opinion is
+added to it, for `zmp-sqp report` to show.
 """
 EXAMPLES = r"""examples:
   zmp-sqp check feller_buncher out/paper_1/trajectory.csv --roll -20 \
       --payload 4000 --payload-frame head --payload-com 0 0 3.323 --point-masses
+  zmp-sqp check out/paper_1/plan.json --rigorous
   zmp-sqp check logged.csv --scenario paper_1 --interpolation cubic
   zmp-sqp check feller_buncher drive.csv --base-limits 10 2 0.5 1 --slope-uncertainty 1
   zmp-sqp check my_crane.urdf motion.csv --roll 5 --pitch -3 --margin 0.2 \
@@ -145,12 +150,15 @@ def add_check(commands: Any) -> None:
     command.add_argument(
         "urdf",
         metavar="URDF",
-        help="the machine: a URDF file, or the name of a shipped one; left out with --scenario",
+        help="the machine: a URDF file, or the name of a shipped one; left out with --scenario and "
+        "for a plan.json",
     )
     command.add_argument(
         "trajectory",
         metavar="TRAJECTORY",
-        help=f"the motion: a file that ends in {', '.join(SUFFIXES)}",
+        nargs="?",
+        help=f"the motion: a file that ends in {', '.join(SUFFIXES)}, or a plan.json of `zmp-sqp "
+        "plan`",
     )
     _add_motion_options(command)
     add_ground_options(command)
@@ -178,28 +186,10 @@ def add_check(commands: Any) -> None:
     add_json_option(command)
 
 
-class _Scenario(argparse.Action):
-    """Option `--scenario`: the command then needs no URDF before the motion."""
-
-    def __call__(
-        self,
-        parser: argparse.ArgumentParser,
-        namespace: argparse.Namespace,
-        values: Any,
-        option_string: str | None = None,
-    ) -> None:
-        """Store the scenario; the first positional argument may now be the motion."""
-        setattr(namespace, self.dest, values)
-        for action in parser._actions:
-            if action.dest == "trajectory":
-                action.required = False
-
-
 def _add_motion_options(command: argparse.ArgumentParser) -> None:
     """Add options on how the file is read, and on what it may leave open."""
     command.add_argument(
         "--scenario",
-        action=_Scenario,
         metavar="SCENARIO",
         help="scenario (file or shipped name) that gives machine, payload, ground, margin, "
         "uncertainties and constraints at once, in place of URDF and their options",
@@ -228,7 +218,7 @@ def _add_motion_options(command: argparse.ArgumentParser) -> None:
 def run_check(arguments: argparse.Namespace) -> int:
     """Certify, print and write; returns the exit code."""
     check_rigorous_option(arguments)
-    if arguments.trajectory is None:  # --scenario in place of URDF
+    if arguments.trajectory is None:  # --scenario or a plan.json in place of URDF
         arguments.urdf, arguments.trajectory = None, arguments.urdf
     question, path = question_of(arguments), Path(arguments.trajectory)
     try:
@@ -243,6 +233,7 @@ def run_check(arguments: argparse.Namespace) -> int:
         result = _unbounded(question, str(fault), path)
     else:
         result = _checked(question, read, arguments)
+        result["hints"] += plan_hint(question.plan, result["margin"], arguments)
     console = make_console(arguments.json)
     console.print(f"{path}: {question.machine.name}", style="bold", soft_wrap=True)
     if result["duration"] is not None:
@@ -257,6 +248,7 @@ def run_check(arguments: argparse.Namespace) -> int:
         safe = safe and opinion.confirmed
         console.print(rigorous_table(opinion))
         console.print(rigorous_line(opinion), soft_wrap=True)
+        print_lines(console, add_opinion(question.plan, result["rigorous"], arguments))
     write_json(to_json(result), arguments.json, console)
     return DONE if safe else UNSAFE
 

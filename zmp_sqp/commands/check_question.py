@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from zmp_sqp.commands.constraint_options import constraints_of
 from zmp_sqp.commands.machine_options import ground_of, machine_of, uncertainties_of
-from zmp_sqp.errors import ProblemError
+from zmp_sqp.errors import ProblemError, ScenarioError
 from zmp_sqp.mechanics import Machine
 from zmp_sqp.mechanics.coordinates import Coordinates
 from zmp_sqp.mechanics.ground import Ground
@@ -19,6 +20,7 @@ from zmp_sqp.mechanics.uncertainty import Corner, corners
 from zmp_sqp.planning import PathConstraint, Problem, Trajectory, UnicycleBase
 from zmp_sqp.planning.problem.unicycle_base import LIMITS
 from zmp_sqp.scenario import load_scenario
+from zmp_sqp.scenario.plan_file import PlanFile
 from zmp_sqp.show.basis import Basis, uncertainties_of_problem
 
 __all__ = ["Question", "question_of"]
@@ -30,6 +32,12 @@ ANSWERED: Mapping[str, Any] = {
     "heightmap": None,
     "resolution": None,
     "limits": None,
+    "srdf": None,
+    "joints": None,
+    "group": None,
+    "hold": None,
+    "package_dirs": None,
+    "strict": False,
     "contact_links": None,
     "point_masses": False,
     "payload": None,
@@ -57,6 +65,7 @@ class Question:
         base: Limits, start and goal of the base; None checks none.
         uncertainties: Keyword arguments of `Problem`.
         problem: Problem of the scenario; None without one.
+        plan: The plan.json that gives scenario and motion; None without one.
     """
 
     machine: Machine
@@ -67,6 +76,7 @@ class Question:
     base: UnicycleBase | None
     uncertainties: Mapping[str, Any]
     problem: Problem | None
+    plan: PlanFile | None = None
 
     @property
     def coordinates(self) -> Coordinates | None:
@@ -125,7 +135,14 @@ def question_of(arguments: argparse.Namespace) -> Question:
     """
     extra = constraints_of(arguments)
     if arguments.scenario is not None:
-        return _of_scenario(arguments, extra)
+        if arguments.urdf is not None:
+            raise ProblemError("--scenario names the machine: leave out URDF")
+        problem = load_scenario(arguments.scenario).problem
+        return _of_scenario("--scenario", problem, arguments, extra)
+    if arguments.urdf is None:
+        plan = _plan_of(arguments.trajectory)
+        problem = plan.scenario().problem
+        return replace(_of_scenario(str(plan.path), problem, arguments, extra), plan=plan)
     machine, ground = machine_of(arguments), ground_of(arguments)
     uncertain = uncertainties_of(arguments)
     extremes = corners(machine, ground, **uncertain, every=True)
@@ -133,15 +150,38 @@ def question_of(arguments: argparse.Namespace) -> Question:
     return Question(machine, ground, margin, extremes, extra, None, uncertain, None)
 
 
-def _of_scenario(arguments: argparse.Namespace, extra: tuple[PathConstraint, ...]) -> Question:
-    """Question of a scenario; `--margin` replaces its margin, `--constraint` adds to it."""
-    if arguments.urdf is not None:
-        raise ProblemError("--scenario names the machine: leave out URDF")
+def _plan_of(given: str) -> PlanFile:
+    """The plan.json that stands alone on the command line.
+
+    Raises:
+        ScenarioError: It is none, so that machine or motion are missing.
+    """
+    if Path(given).suffix.lower() != ".json":
+        raise ScenarioError(
+            f"{given} alone says no machine or no motion: give `zmp-sqp check URDF TRAJECTORY`, "
+            "`zmp-sqp check TRAJECTORY --scenario SCENARIO`, or a plan.json"
+        )
+    return PlanFile.read(given)
+
+
+def _of_scenario(
+    source: str,
+    problem: Problem,
+    arguments: argparse.Namespace,
+    extra: tuple[PathConstraint, ...],
+) -> Question:
+    """Question of a scenario; `--margin` replaces its margin, `--constraint` adds to it.
+
+    Args:
+        source: Where the scenario comes from, in words.
+        problem: Its problem.
+        arguments: Options of the command.
+        extra: Constraints of `--constraint`.
+    """
     for name, default in ANSWERED.items():
         if getattr(arguments, name) != default:
             option = f"--{name.replace('_', '-')}"
-            raise ProblemError(f"--scenario answers what {option} says: leave out {option}")
-    problem = load_scenario(arguments.scenario).problem
+            raise ProblemError(f"{source} answers what {option} says: leave out {option}")
     ground: Ground = problem.ground
     return Question(
         problem.machine,

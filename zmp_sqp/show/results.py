@@ -9,7 +9,7 @@ import numpy as np
 
 from zmp_sqp.planning import Plan, Problem, Trajectory, certify
 from zmp_sqp.planning.proof.certificate import certify_for
-from zmp_sqp.scenario import Scenario
+from zmp_sqp.scenario import SHIPPED, Scenario
 from zmp_sqp.show.basis import BASIS_KEYS, Basis, basis_fields
 from zmp_sqp.show.guarantees import GUARANTEE_KEYS, guarantee_fields
 from zmp_sqp.show.rigorous import RIGOROUS_KEYS
@@ -20,6 +20,7 @@ __all__ = ["RESULT_KEYS", "make_result", "margin_fields", "plan_fields"]
 RESULT_KEYS = f"""\
 --json writes one object; SI units, null where there is no value:
   scenario, title           name and title of the scenario
+  scenario_path             its file; null for a shipped one
   success, status, message  whether a motion was found, and how planning ended
   duration                  [s] of the motion
   lower_bound               [s] no motion within the joint limits takes less time
@@ -67,11 +68,12 @@ def make_result(scenario: Scenario, found: Plan, baseline: Trajectory | None) ->
         found: The plan.
         baseline: Phase-plane motion between the plan's start and goal; None if there is none.
     """
-    problem = found.problem
+    problem, shipped = found.problem, scenario.path.parent == SHIPPED
     nominal = margin_fields(problem, found.trajectory)["nominal_margin"] if found.success else None
     blind = baseline and {"duration": baseline.duration, **margin_fields(problem, baseline)}
     return {
         "scenario": scenario.name,
+        "scenario_path": None if shipped else str(scenario.path.resolve()),
         "title": scenario.title,
         **plan_fields(found),
         "nominal_margin": nominal,
