@@ -73,8 +73,8 @@ def make_result(scenario: Scenario, found: Plan, baseline: Trajectory | None) ->
     blind = baseline and {"duration": baseline.duration, **margin_fields(problem, baseline)}
     return {
         "scenario": scenario.name,
-        "scenario_path": None if shipped else str(scenario.path.resolve()),
         "title": scenario.title,
+        "scenario_path": None if shipped else str(scenario.path.resolve()),
         **plan_fields(found),
         "nominal_margin": nominal,
         "margin_asked": problem.margin,
