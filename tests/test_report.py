@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 import zmp_sqp as zs
 import zmp_sqp.cli as cli
 from zmp_sqp.report import make_page, make_record
+from zmp_sqp.report.blind_drive import blind_drive
 from zmp_sqp.report.parts import machine_parts
 from zmp_sqp.report.surface import coarsened
 from zmp_sqp.scenario import load_scenario
@@ -212,7 +213,27 @@ def test_a_drive_over_terrain_is_recorded(tmp_path: Path) -> None:
     assert ("rate", "base speed") in {
         (chart["group"], chart["title"]) for chart in record["plan"]["charts"]
     }
-    assert record["blind"] is None
+    blind = record["blind"]
+    assert len(blind["root"]) == len(blind["times"]) > 100
+    assert min(margin for margin in blind["margin"] if margin is not None) < -0.5
+    assert blind["fall"] is None  # replays are of machines that stand
+
+
+@pytest.mark.parametrize("name", ["retreat", "terrain"])
+def test_the_stability_blind_drive_is_as_fast_and_tips_the_machine_over(name: str) -> None:
+    problem = load_scenario(name).problem
+    blind = blind_drive(problem)
+    assert blind is not None
+    found = zs.plan(problem)
+    assert blind.duration <= found.duration * (1.0 + 1e-6)
+    assert blind.duration >= found.lower_bound
+    certificate = zs.certify(problem.machine, blind, problem.ground, base=problem.base)
+    assert certificate.margin < -0.5
+    peaks = {one.name: one for one in certificate.guarantees}
+    assert peaks["joint_limits"].kept
+    np.testing.assert_allclose(blind.base.poses[0], problem.base.start, atol=1e-9)
+    off = np.abs(blind.base.poses[-1] - problem.base.goal)
+    assert off.max() < (1e-5 if name == "retreat" else 0.3)  # over hills the way is longer
 
 
 def test_a_room_has_the_unit_of_its_row(tmp_path: Path) -> None:

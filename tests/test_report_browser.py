@@ -188,3 +188,44 @@ def test_a_phone_has_no_sideways_scrolling_and_dark_mode_is_dark(
     paper = opened.evaluate("getComputedStyle(document.body).backgroundColor")
     assert max(map(int, paper.strip("rgb()").split(","))) < 64
     context.close()
+
+
+def test_what_is_guaranteed_is_a_line_with_its_value(page: Any, result: dict[str, Any]) -> None:
+    for name in ("tip_over", "contact"):
+        chart = page.locator(f"[data-chart='constraint:{name}']")
+        found = next(one for one in result["guarantees"] if one["name"] == name)
+        words = chart.locator(".guaranteedwords").text_content()
+        amount, unit = words.removeprefix("guaranteed: ").split(" ", 1)
+        scale = {"mm": 1e-3, "m": 1.0, "kN": 1e3, "N": 1.0}[unit]
+        assert float(amount) * scale == pytest.approx(found["value"], rel=6e-3)
+        line, curve = (
+            chart.locator(kind).evaluate("it => [it.getBBox().y, it.getBBox().height]")
+            for kind in ("path.guaranteed", "path.curve >> nth=0")
+        )
+        assert line[1] == 0.0
+        # the lower end of the curve touches the line: y points down
+        assert line[0] == pytest.approx(sum(curve), abs=1.5)
+
+
+def test_a_stability_blind_drive_moves_with_its_base(browser: Any, tmp_path: Path) -> None:
+    arguments = ["plan", "retreat", "--out", str(tmp_path), "--no-figures"]
+    assert cli.main(arguments) == 0
+    drive = json.loads((tmp_path / "plan.json").read_text())
+    (tmp_path / "report.html").write_text(make_page([drive]))
+    context = browser.new_context(offline=True, viewport={"width": 1100, "height": 800})
+    context.set_default_timeout(PATIENCE)
+    opened = context.new_page()
+    opened.goto((tmp_path / "report.html").as_uri())
+    blind = drive["record"]["blind"]
+    for share in (0.0, 0.4, 1.0):
+        k = int(share * (len(blind["times"]) - 1))
+        opened.evaluate(f"zmpReport.seek({blind['times'][k]})")
+        root, rest, shift = (
+            opened.evaluate(f"zmpReport.views[0].blind.{where}.position.toArray()")
+            for where in ("root", "marker.parent", "shift")
+        )
+        np.testing.assert_allclose(root, blind["root"][k][:3], atol=1e-4)
+        np.testing.assert_allclose(rest, root)  # polygon and ZMP go with it
+        assert shift == [0.0, 0.0, 0.0]
+    assert np.linalg.norm(np.subtract(blind["root"][-1][:2], blind["root"][0][:2])) > 5.0
+    context.close()

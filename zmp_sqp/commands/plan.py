@@ -33,6 +33,7 @@ from zmp_sqp.commands.rigorous_option import (
 from zmp_sqp.planning import Plan, Problem, Trajectory, diagnose, phase_plane, plan
 from zmp_sqp.planning.problem.checks import AUTO
 from zmp_sqp.plots import locus, profiles, save
+from zmp_sqp.report.blind_drive import blind_drive
 from zmp_sqp.report.record import RECORD_KEYS, make_record
 from zmp_sqp.rigorous import RigorousCheck, check_rigorously
 from zmp_sqp.scenario import load_scenario
@@ -196,7 +197,8 @@ def run_plan(arguments: argparse.Namespace) -> int:
         )
     baseline = _baseline(problem)
     result = make_result(scenario, found, baseline)
-    result |= make_record(scenario, found, baseline, simulate=arguments.html is not None)
+    blind = _blind_drive(found, arguments) if problem.base is not None else baseline
+    result |= make_record(scenario, found, blind, simulate=arguments.html is not None)
     console = make_console(arguments.json)
     console.print(f"{scenario.name}: {scenario.title}", style="bold", soft_wrap=True)
     if arguments.verbose:
@@ -253,6 +255,19 @@ def _baseline(problem: Problem) -> Trajectory | None:
     if problem.base is not None or np.any(problem.start_velocity) or np.any(problem.goal_velocity):
         return None
     return phase_plane(problem.machine, problem.start, problem.goal)
+
+
+def _blind_drive(found: Plan, arguments: argparse.Namespace) -> Trajectory | None:
+    """Stability-blind motion of a base that drives, where there is a file to show it."""
+    if not (found.attempt and (arguments.html or arguments.out or arguments.json)):
+        return None
+    with live_line() as line:
+        return blind_drive(
+            found.problem,
+            qp_solver=found.qp_solver,
+            time_budget=arguments.time_budget,
+            announce=lambda words: line.say(f"stability-blind motion, {words}"),
+        )
 
 
 def _diagnosis(found: Plan) -> dict[str, Any]:

@@ -29,7 +29,8 @@ RECORD_KEYS = """\
   record                    what zmp-sqp report shows beside this, rounded for display: parts of
                             the machine, support polygon, ground, samples of the motion (without
                             success of the last one of the search, which is not safe) and of the
-                            phase-plane baseline, with --html also how that one tips the
+                            stability-blind motion (phase plane; with a base that drives, planned
+                            on a plate that cannot tip over), with --html also how that one tips the
                             machine over in MuJoCo; null if no motion can be shown
 """
 SAMPLES, BLIND_SAMPLES = 300, 200  # of a motion, about

@@ -15,11 +15,16 @@
     return chart.group === "constraint" ? plan.guarantees.find((found) => found.name === chart.title)?.required || null : null;
   }
 
+  function guaranteedOf(plan, chart) {
+    const found = chart.group === "constraint" && plan.guarantees.find((one) => one.name === chart.title && one.unit === chart.unit);
+    return found && found.value !== null ? found : null;
+  }
+
   // Charts of the same name have one range in all plans.
   function sharedRanges() {
     const found = {};
     for (const { plan } of shown) for (const chart of plan.record.plan.charts) {
-      const key = `${chart.group}:${chart.title}`, [low, high] = rangeOf(chart, [askedOf(plan, chart)]);
+      const key = `${chart.group}:${chart.title}`, [low, high] = rangeOf(chart, [askedOf(plan, chart), guaranteedOf(plan, chart)?.value]);
       found[key] = key in found ? [Math.min(low, found[key][0]), Math.max(high, found[key][1])] : [low, high];
     }
     return found;
@@ -38,7 +43,7 @@
     const map = record.support ? drawMap(element.querySelector(".map"), record, full) : () => {};
     const cursors = motion.charts.map((chart) => drawChart(
       element.querySelector(chart.group === "constraint" ? ".constraints > div" : ".joints > div"),
-      chart, motion.times, span, ranges[`${chart.group}:${chart.title}`], askedOf(plan, chart), seek));
+      chart, motion.times, span, ranges[`${chart.group}:${chart.title}`], askedOf(plan, chart), seek, guaranteedOf(plan, chart)));
     const now = element.querySelector(".now");
     return { view, show: (t) => {
       const at = locate(motion.times, t), point = pointAt(motion.zmp, at), margin = valueAt(motion.margin, at);

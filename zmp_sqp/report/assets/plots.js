@@ -38,7 +38,7 @@ function rangeOf(chart, extra) {
 }
 
 // One curve over time with its bounds; returns a function that moves its cursor.
-function drawChart(parent, chart, times, span, range, asked, seek) {
+function drawChart(parent, chart, times, span, range, asked, seek, guaranteed) {
   const svg = drawn(parent, "svg", { viewBox: `0 0 ${WIDE} ${HIGH}`, role: "img", "data-chart": `${chart.group}:${chart.title}` });
   const x = (t) => BOX.left + (BOX.right - BOX.left) * t / (span || 1);
   const y = (value) => BOX.bottom - (BOX.bottom - BOX.top) * (value - range[0]) / (range[1] - range[0]);
@@ -60,6 +60,12 @@ function drawChart(parent, chart, times, span, range, asked, seek) {
   if (over.some((point) => point)) drawn(svg, "path", { class: "curve over", d: pathOf(over) });
   level(chart.lower, "bound"); level(chart.upper, "bound");
   if (asked) level(asked, "asked");
+  if (guaranteed && level(guaranteed.value, "guaranteed")) {
+    const words = `${guaranteed.proven ? "guaranteed" : "sampled"}: ${inWords(guaranteed.value, guaranteed.unit)}`;
+    const line = y(guaranteed.value), base = BOX.bottom - line < 15 ? line - 4 : line + 12, wide = 5.6 * words.length;
+    const start = clearest([BOX.left + 2, (BOX.left + BOX.right - wide) / 2, BOX.right - wide - 2], wide, base - 4, points);
+    drawn(svg, "text", { x: start.toFixed(1), y: base.toFixed(1), class: "guaranteedwords" }, words);
+  }
   drawn(svg, "text", { x: 6, y: 28, class: "soft" }, boundsInWords(chart, asked));
   const cursor = drawn(svg, "path", { class: "cursor", d: "" }), dot = drawn(svg, "circle", { class: "dot", r: 3.5 });
   const now = drawn(svg, "text", { x: WIDE - 6, y: 28, "text-anchor": "end" }, "");
@@ -72,6 +78,12 @@ function drawChart(parent, chart, times, span, range, asked, seek) {
     const row = chart.rows && chart.row[at.w < 1 ? at.i : at.i + 1], unit = chart.units ? chart.units[row] : chart.unit;
     now.textContent = inWords(value, unit) + (chart.rows && chart.rows.length > 1 ? `, ${chart.rows[row]}` : "");
   };
+}
+
+// Of some places for a text, the one from which a curve keeps farthest.
+function clearest(starts, wide, middle, points) {
+  const room = (start) => Math.min(...points.filter((point) => point && point[0] >= start && point[0] <= start + wide).map((point) => Math.abs(point[1] - middle)), 1e9);
+  return starts.reduce((best, start) => room(start) > room(best) ? start : best);
 }
 
 function boundsInWords(chart, asked) {

@@ -49,7 +49,8 @@ class View {
       });
     }
     this.low = low; this.high = high;
-    this.beside = this.record.blind ? 0.75 * (high[1] - low[1]) : 0;
+    // a ghost that drives has its place on the ground
+    this.beside = this.record.blind && this.record.blind.root.length === 1 ? 0.75 * (high[1] - low[1]) : 0;
     this.size = Math.max(...high.map((entry, i) => entry - low[i]));
   }
 
@@ -124,6 +125,7 @@ class View {
     const arm = fall && fall.over ? locate(motion.times, Math.min(t, fall.times[fall.times.length - 1])) : at;
     if (fall) pose(machine.root, fall.root, locate(fall.times, t)); else pose(machine.root, motion.root, at);
     for (const [joint, group] of Object.entries(machine.bodies)) pose(group, motion.bodies[joint], arm);
+    if (machine !== this.plan && !fall && motion.root.length > 1) pose(machine.marker.parent, motion.root, at);
     const point = pointAt(motion.zmp, at), margin = valueAt(motion.margin, at);
     machine.marker.visible = Boolean(point);
     if (point) machine.marker.position.set(point[0], point[1], this.record.support ? this.record.support.height : 0);
