@@ -20,7 +20,7 @@ from zmp_sqp.mechanics.urdf.xacro_files import expanded
 from zmp_sqp.report.surface import coarsened
 from zmp_sqp.simulation.shapes import STEEL, Solid, bar_solids, payload_solids
 
-__all__ = ["machine_parts", "pose_entries"]
+__all__ = ["machine_parts", "payload_parts", "pose_entries"]
 
 MOST_TRIANGLES = 40_000  # of all meshes together: keeps a page below 5 MB
 HALVES = {"box": 3, "cylinder": 1}  # trailing dimensions of a shape that a Solid has halves of
@@ -50,8 +50,12 @@ def machine_parts(
     if not drawn:
         drawn = [_of_solid(solid) for solid in bar_solids(machine)]
     _fit(drawn)
-    payloads = [_of_solid(solid) | {"payload": True} for solid in payload_solids(machine)]
-    return [*drawn, *payloads]
+    return [*drawn, *payload_parts(machine)]
+
+
+def payload_parts(machine: Machine) -> list[dict[str, Any]]:
+    """Payloads alone, as in `machine_parts`."""
+    return [_of_solid(solid) | {"payload": True} for solid in payload_solids(machine)]
 
 
 def pose_entries(placement: Any) -> list[float]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ import pinocchio as pin
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.errors import ZmpSqpError
-from zmp_sqp.mechanics import Heightmap
+from zmp_sqp.mechanics import Ground, Heightmap, Machine
 from zmp_sqp.mechanics.urdf.sources import find_machine
 from zmp_sqp.motion.trajectory_json import json_content
 from zmp_sqp.planning import Plan, Problem, Trajectory
@@ -21,7 +21,15 @@ from zmp_sqp.scenario import Scenario
 from zmp_sqp.scenario.load import read_content
 from zmp_sqp.simulation import replay
 
-__all__ = ["RECORD_KEYS", "make_record"]
+__all__ = [
+    "RECORD_KEYS",
+    "body_poses",
+    "ground_fields",
+    "make_record",
+    "motion_fields",
+    "scene_fields",
+    "urdf_of",
+]
 
 RECORD_KEYS = """\
   scenario_text             content of the scenario file
@@ -68,24 +76,28 @@ def make_record(
 def _record(
     scenario: Scenario, problem: Problem, motion: Trajectory, baseline: Trajectory | None
 ) -> dict[str, Any] | None:
-    machine = problem.machine
-    parts = machine_parts(machine, *_files(scenario))
+    parts = machine_parts(problem.machine, *_files(scenario))
     joints = sorted({part["joint"] for part in parts})
-    support = machine.support
     try:
-        samples = MotionSamples.of(problem, motion, SAMPLES)
+        planned = motion_fields(problem, motion, joints, SAMPLES)
     except ZmpSqpError:  # a motion that failed may lead off the map
         return None
+    blind = None
+    if baseline is not None:
+        blind = motion_fields(problem, baseline, joints, BLIND_SAMPLES, charts=False)
+        blind["fall"] = None
+    scene = scene_fields(problem.machine, problem.ground, problem.margin)
+    return {**scene, "parts": parts, "plan": planned, "blind": blind}
+
+
+def scene_fields(machine: Machine, ground: Ground, margin: float) -> dict[str, Any]:
+    """What stands still in the picture: machine's name, support polygon, ground, margin [m]."""
+    support = machine.support
     return {
         "machine": machine.name,
         "support": support and {"vertices": support.vertices.tolist(), "height": support.height},
-        "margin_asked": problem.margin,
-        "ground": _ground(problem),
-        "parts": parts,
-        "plan": _motion(problem, samples, joints) | {"charts": list(_charts(problem, samples))},
-        "blind": baseline
-        and _motion(problem, MotionSamples.of(problem, baseline, BLIND_SAMPLES), joints)
-        | {"fall": None},
+        "margin_asked": margin,
+        "ground": ground_fields(ground),
     }
 
 
@@ -116,17 +128,28 @@ def _fall(problem: Problem, baseline: Trajectory) -> dict[str, Any] | None:
 def _files(scenario: Scenario) -> tuple[Path | None, list[Path]]:
     """URDF of a scenario, and the folders of its packages."""
     try:
-        table = read_content(scenario.path)[0]["machine"]
-        folder = scenario.path.parent
-        urdf = find_machine(table["name"] if "name" in table else folder / table["urdf"])
+        return urdf_of(read_content(scenario.path)[0]["machine"], scenario.path.parent)
     except (ZmpSqpError, KeyError):
         return None, []
+
+
+def urdf_of(table: Mapping[str, Any], folder: Path) -> tuple[Path, list[Path]]:
+    """URDF of the table [machine] of a scenario, and the folders of its packages.
+
+    Args:
+        table: The table.
+        folder: Folder to which its paths are relative.
+
+    Raises:
+        MachineError: There is no such machine.
+        KeyError: The table names none.
+    """
+    urdf = find_machine(table["name"] if "name" in table else folder / table["urdf"])
     return urdf, [folder / name for name in table.get("package_dirs", ())]
 
 
-def _ground(problem: Problem) -> dict[str, Any]:
+def ground_fields(ground: Ground) -> dict[str, Any]:
     """Rotation from the ground frame to one whose z axis is vertical, and heights of a terrain."""
-    ground = problem.ground
     if isinstance(ground, Heightmap):
         step = -(-max(ground.heights.shape) // MOST_HEIGHTS)
         heights = ground.heights[::step, ::step]
@@ -141,26 +164,51 @@ def _ground(problem: Problem) -> dict[str, Any]:
     return {"rotation": _rounded(turn, 6), "heights": None, "resolution": None, "origin": None}
 
 
-def _motion(problem: Problem, samples: MotionSamples, joints: Sequence[int]) -> dict[str, Any]:
-    """Times, poses of bodies in the root frame and of the root in the ground frame, ZMP."""
+def motion_fields(
+    problem: Problem, motion: Trajectory, joints: Sequence[int], count: int, *, charts: bool = True
+) -> dict[str, Any]:
+    """Samples of a motion: poses of bodies in the root frame and of the root in the ground frame.
+
+    Args:
+        problem: Gives machine, ground, constraints and what is uncertain.
+        motion: The motion.
+        joints: Indices in the Pinocchio model of the joints whose bodies are drawn.
+        count: Number of samples, about.
+        charts: Whether to add the curves over time.
+
+    Returns:
+        `duration`, `times` [s], `root` and `bodies` (`pose_entries`; one entry for a body that
+        stands), `zmp` [m] (null where the ground would have to pull), `margin` [m], `charts`.
+
+    Raises:
+        ProblemError: The motion leads off a heightmap.
+    """
+    samples = MotionSamples.of(problem, motion, count)
     margin = samples.rooms[0]
     roots = zip(samples.root_positions, samples.root_rotations, strict=True)
-    return {
+    fields = {
         "duration": float(samples.times[-1]),
         "times": _rounded(samples.times, 9),
         "root": [pose_entries(pin.SE3(turn, at)) for at, turn in roots],
-        "bodies": _bodies(problem, samples.states[0], joints),
+        "bodies": body_poses(problem.machine, samples.states[0], joints),
         "zmp": [None if np.isnan(point).any() else _rounded(point, 5) for point in samples.zmp],
         "margin": _finite(margin.room, 6),
     }
+    return fields | {"charts": list(_charts(problem, samples))} if charts else fields
 
 
-def _bodies(problem: Problem, q: Array, joints: Sequence[int]) -> dict[str, list[list[float]]]:
-    """Poses of the bodies behind some joints in the root frame, by index of the joint."""
-    model = problem.machine.model
+def body_poses(machine: Machine, q: Array, joints: Sequence[int]) -> dict[str, list[list[float]]]:
+    """Poses of the bodies behind some joints in the root frame, by index of the joint.
+
+    Args:
+        machine: The machine.
+        q: Joint coordinates, shape (K, n) [rad or m].
+        joints: Indices of the joints in the Pinocchio model.
+    """
+    model = machine.model
     data = model.createData()
     poses: dict[str, list[list[float]]] = {str(joint): [] for joint in joints}
-    for configuration in problem.machine.configuration(q):
+    for configuration in machine.configuration(q):
         pin.forwardKinematics(model, data, configuration)
         for joint in joints:
             poses[str(joint)].append(pose_entries(data.oMi[joint]))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from zmp_sqp.arrays import Array, Indices
-from zmp_sqp.mechanics import Heightmap
+from zmp_sqp.mechanics import Ground, Heightmap, Machine
 from zmp_sqp.mechanics.ground import terrain_of
 from zmp_sqp.mechanics.uncertainty import Corner
 from zmp_sqp.mechanics.zero_moment_point import zmp_of_wrench
@@ -19,7 +19,7 @@ from zmp_sqp.planning.constraints.protocol import MotionSample, PathConstraint
 from zmp_sqp.planning.constraints.tip_over import Contact, TipOver
 from zmp_sqp.planning.proof.corner_efforts import CornerEfforts, grouped
 
-__all__ = ["ConstraintRoom", "MotionSamples", "root_at_rest", "root_poses"]
+__all__ = ["ConstraintRoom", "MotionSamples", "root_at_rest", "root_on", "root_poses"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,7 +93,7 @@ class MotionSamples:
             base,
             positions,
             rotations,
-            _zmp(wrench, _height(problem)),
+            _zmp(wrench, _height(problem.machine)),
             rooms,
         )
 
@@ -107,25 +107,42 @@ def _instants(trajectory: Trajectory, count: int) -> tuple[Indices, Array]:
     return np.repeat(np.arange(len(steps)), numbers), np.concatenate(since)
 
 
-def _height(problem: Problem) -> float:
-    support = problem.machine.support
+def _height(machine: Machine) -> float:
+    support = machine.support
     return 0.0 if support is None else support.height
 
 
 def root_poses(problem: Problem, poses: Array) -> tuple[Array, Array]:
     """Root in the ground frame, whose plane is that of the support polygon where it is flat."""
-    flat = not isinstance(problem.ground, Heightmap) and problem.base is None
-    if flat:
-        positions, rotations = np.zeros((len(poses), 3)), np.tile(np.eye(3), (len(poses), 1, 1))
-    else:
-        positions, rotations = terrain_of(problem.ground).base_pose(poses)
-    return positions - _height(problem) * rotations[:, :, 2], rotations
+    if isinstance(problem.ground, Heightmap) or problem.base is not None:
+        return root_on(problem.machine, problem.ground, poses)
+    position, rotation = root_on(problem.machine, problem.ground, None)
+    return np.tile(position, (len(poses), 1)), np.tile(rotation, (len(poses), 1, 1))
 
 
 def root_at_rest(problem: Problem) -> tuple[Array, Array]:
     """Position (3,) [m] and rotation (3, 3) in the ground frame of a root that stands still."""
     positions, rotations = root_poses(problem, np.zeros((1, 3)))
     return positions[0], rotations[0]
+
+
+def root_on(machine: Machine, ground: Ground, poses: Array | None) -> tuple[Array, Array]:
+    """Root in the ground frame, for a machine without a problem.
+
+    Args:
+        machine: Gives the height of its support polygon.
+        ground: The ground.
+        poses: (x, y, yaw) of a base that drives or stands on terrain, shape (K, 3) [m, m, rad];
+            None for one that stands at the origin of a plane, K = 1.
+
+    Returns:
+        Positions (K, 3) [m] and rotations (K, 3, 3).
+    """
+    if poses is None:
+        positions, rotations = np.zeros((1, 3)), np.eye(3)[None]
+    else:
+        positions, rotations = terrain_of(ground).base_pose(poses)
+    return positions - _height(machine) * rotations[:, :, 2], rotations
 
 
 def _zmp(wrench: Array, height: float) -> Array:
