@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from math import floor, log10
@@ -16,6 +14,7 @@ from zmp_sqp.errors import ContactLost, ProblemError
 from zmp_sqp.mechanics import Ground, Machine, stability_margin
 from zmp_sqp.mechanics.named_poses import named_poses
 from zmp_sqp.planning.problem.intervals import MANY_JOINTS, suggested_intervals
+from zmp_sqp.scenario.text import joint_lines, one_line, table_lines, toml_value
 
 __all__ = ["TRIED", "Starter", "find_starter", "starter_text"]
 
@@ -124,9 +123,9 @@ def starter_text(
     """
     ground = tables["ground"]
     lines = [f"# {line}".rstrip() for line in heading.splitlines()]
-    lines += ["", f"title = {_toml(title)}", "", *_machine_lines(tables["machine"])]
+    lines += ["", f"title = {toml_value(title)}", "", *table_lines("machine", tables["machine"])]
     if "payload" not in tables["machine"]:
-        lines += [line.format(frame=_toml(load)) for line in PAYLOAD_LINES]
+        lines += [line.format(frame=toml_value(load)) for line in PAYLOAD_LINES]
     if not starter.stands:
         lines += SUPPORT_LINES
     lines += [
@@ -136,8 +135,10 @@ def starter_text(
         f"pitch_deg = {float(ground['pitch_deg'])}  # positive is nose down",
         "",
         "[motion]  # from rest to rest; start_deg and goal_deg are in degrees",
-        *_pose_lines("start", starter.start, machine, f"pose '{_one_line(starter.pose)}'"),
-        *_pose_lines("goal", starter.goal, machine, f"{_one_line(starter.joint)} has swung"),
+        *joint_lines("start", starter.start.tolist(), machine, f"pose '{one_line(starter.pose)}'"),
+        *joint_lines(
+            "goal", starter.goal.tolist(), machine, f"{one_line(starter.joint)} has swung"
+        ),
         "",
         "[plan]",
     ]
@@ -149,29 +150,6 @@ def starter_text(
             f"intervals = {few}  # of the time grid; 50 take twice as long with many joints"
         )
     return "\n".join([*lines, ""])
-
-
-def _machine_lines(table: Mapping[str, Any]) -> list[str]:
-    """The table [machine]; tables in it come last, as TOML wants."""
-    inner = {key: value for key, value in table.items() if isinstance(value, Mapping)}
-    lines = ["[machine]"]
-    lines += [f"{key} = {_toml(value)}" for key, value in table.items() if key not in inner]
-    for name, content in inner.items():
-        lines += ["", f"[machine.{name}]"]
-        lines += [f"{_key(key)} = {_toml(value)}" for key, value in content.items()]
-    return lines
-
-
-def _pose_lines(key: str, pose: Array, machine: Machine, what: str) -> list[str]:
-    """A pose with the name and unit of the joint beside each number."""
-    numbers = [f"{_toml(value)}," for value in pose.tolist()]
-    width = max(map(len, numbers))
-    joints = zip(numbers, machine.joint_names, machine.joint_units, strict=True)
-    return [
-        f"{key} = [  # {what}",
-        *(f"    {text.ljust(width)}  # {_one_line(name)} [{unit}]" for text, name, unit in joints),
-        "]",
-    ]
 
 
 def _poses(machine: Machine) -> Iterator[tuple[str, Array]]:
@@ -238,27 +216,3 @@ def _round_down(value: float) -> float:
         return value
     step = 10.0 ** floor(log10(value))
     return floor(value / step) * step
-
-
-def _toml(value: Any) -> str:
-    """A value as TOML writes it."""
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, int):
-        return str(value)
-    if isinstance(value, float | np.floating):
-        return repr(float(value) + 0.0)
-    if isinstance(value, Mapping):
-        return f"{{ {', '.join(f'{_key(k)} = {_toml(v)}' for k, v in value.items())} }}"
-    return f"[{', '.join(_toml(entry) for entry in value)}]"
-
-
-def _key(key: str) -> str:
-    """Key as TOML writes it: bare where it may be."""
-    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _toml(key)
-
-
-def _one_line(text: str) -> str:
-    return " ".join(text.split())
