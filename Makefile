@@ -23,7 +23,7 @@ venv: .venv/.installed  ## virtual environment in .venv, with everything that th
 demo: venv  ## plan test 1 of the paper: table on the terminal, trajectory and figures in out/paper_1
 	$(BIN)/zmp-sqp plan paper_1 --out out/paper_1
 
-browser:  ## Debian's chromium, in which reports are tested (as root); without it these tests are skipped
+browser:  ## Debian's chromium, in which pages are tested (as root); without it these tests are skipped
 	@command -v chromium > /dev/null || { apt-get update -qq && \
 		apt-get install -y -qq --no-install-recommends chromium > /dev/null; }
 

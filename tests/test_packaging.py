@@ -139,6 +139,7 @@ LEAVES = (
     "zmp_sqp.report",
     "zmp_sqp.scenario",
     "zmp_sqp.show",
+    "zmp_sqp.view",
 )
 
 

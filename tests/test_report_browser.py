@@ -1,8 +1,6 @@
 """A report in a real browser: it opens without a network, plays, and shows the plan's numbers."""
 
 import json
-import os
-import shutil
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,21 +12,9 @@ import pytest
 
 import zmp_sqp as zs
 import zmp_sqp.cli as cli
+from tests.chromium import PATIENCE, chromium
 from zmp_sqp.report import make_page
 from zmp_sqp.scenario import load_scenario
-
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "chrome"))), None)
-ARGUMENTS = [
-    "--no-sandbox",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",  # 3-D without a graphics card
-    "--enable-unsafe-swiftshader",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--no-first-run",
-]
-PATIENCE = 120_000  # [ms] on a machine with much else to do
 
 
 @pytest.fixture(scope="module")
@@ -41,15 +27,8 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    playwright = pytest.importorskip("playwright.sync_api", reason="no playwright to drive it")
-    if CHROMIUM is None:
-        pytest.skip("no chromium: `make browser` installs Debian's")
-    with playwright.sync_playwright() as driver:
-        started = driver.chromium.launch(
-            executable_path=CHROMIUM, args=ARGUMENTS, timeout=PATIENCE, env=dict(os.environ)
-        )
+    with chromium() as started:
         yield started
-        started.close()
 
 
 @pytest.fixture

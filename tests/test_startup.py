@@ -39,6 +39,7 @@ WINGS = [
     "show",
     "simulation",
     "studies",
+    "view",
 ]
 NEVER = (*SOLVERS, *PICTURES, *FILES, *WORKERS, *(f"zmp_sqp.{wing}" for wing in WINGS))
 READING = ("zmp_sqp.motion.reading", "zmp_sqp.motion.exporting", "zmp_sqp.mechanics.terrain")

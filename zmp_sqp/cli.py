@@ -24,6 +24,7 @@ from zmp_sqp.commands.plan import add_plan
 from zmp_sqp.commands.replay import add_replay
 from zmp_sqp.commands.report import add_report
 from zmp_sqp.commands.tradeoff import add_tradeoff
+from zmp_sqp.commands.view import add_view
 from zmp_sqp.errors import MachineWarning, ProblemWarning, ZmpSqpError, in_keys
 from zmp_sqp.scenario import shipped_scenarios
 
@@ -109,6 +110,7 @@ def _parser() -> argparse.ArgumentParser:
     add_chart(commands, shipped)
     add_replay(commands, shipped)
     add_report(commands)
+    add_view(commands, shipped)
     add_inspect(commands)
     add_init(commands)
     add_batch(commands, shipped)

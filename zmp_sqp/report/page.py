@@ -18,7 +18,7 @@ from zmp_sqp.report.verdict import (
     verdict_line,
 )
 
-__all__ = ["make_page", "read_plan"]
+__all__ = ["GUARANTEE_HEADS", "LEAST", "SCRIPTS", "asset", "embedded", "make_page", "read_plan"]
 
 SCRIPTS = ("three.min.js", "time.js", "plots.js", "view.js", "main.js")  # in this order
 NEEDED: dict[str, type | tuple[type, ...]] = {  # entries of a plan.json that are shown
@@ -91,26 +91,26 @@ def make_page(results: Sequence[Mapping[str, Any]]) -> str:
         results: Contents of plan.json files, see `RESULT_KEYS` and `RECORD_KEYS`.
     """
     titles = [str(result["title"]) for result in results]
-    page = _asset("report.html")
+    page = asset("report.html")
     for place, content in (
         ("title", escape(" | ".join(titles))),
-        ("style", _asset("style.css")),
+        ("style", asset("style.css")),
         ("plans", "\n".join(_article(i, result) for i, result in enumerate(results))),
-        ("data", _embedded(results)),
-        ("scripts", "\n".join(f"<script>\n{_asset(name)}\n</script>" for name in SCRIPTS)),
+        ("data", embedded(list(results))),
+        ("scripts", "\n".join(f"<script>\n{asset(name)}\n</script>" for name in SCRIPTS)),
     ):
         page = page.replace(f"<!-- {place} -->", content, 1)
     return page
 
 
-def _asset(name: str) -> str:
+def asset(name: str) -> str:
     """Text of a file of the folder `assets`."""
     return (resources.files(__package__) / "assets" / name).read_text(encoding="utf-8")
 
 
-def _embedded(results: Sequence[Mapping[str, Any]]) -> str:
-    """Results as JSON that ends no script element."""
-    return json.dumps(list(results), allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+def embedded(content: Any) -> str:
+    """Lists and mappings as JSON that ends no script element."""
+    return json.dumps(content, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
 def _article(number: int, result: Mapping[str, Any]) -> str:

@@ -15,7 +15,7 @@ from zmp_sqp.mechanics import Ground, Heightmap, Machine
 from zmp_sqp.mechanics.urdf.sources import find_machine
 from zmp_sqp.motion.trajectory_json import json_content
 from zmp_sqp.planning import Plan, Problem, Trajectory
-from zmp_sqp.report.parts import machine_parts, pose_entries
+from zmp_sqp.report.parts import DIGITS, machine_parts, pose_entries
 from zmp_sqp.report.sampling import MotionSamples, root_at_rest
 from zmp_sqp.scenario import Scenario
 from zmp_sqp.scenario.load import read_content
@@ -207,14 +207,15 @@ def body_poses(machine: Machine, q: Array, joints: Sequence[int]) -> dict[str, l
     """
     model = machine.model
     data = model.createData()
-    poses: dict[str, list[list[float]]] = {str(joint): [] for joint in joints}
-    for configuration in machine.configuration(q):
+    poses = np.empty((len(joints), len(q), 7))
+    for k, configuration in enumerate(machine.configuration(q)):
         pin.forwardKinematics(model, data, configuration)
-        for joint in joints:
-            poses[str(joint)].append(pose_entries(data.oMi[joint]))
+        for i, joint in enumerate(joints):
+            poses[i, k] = pin.SE3ToXYZQUAT(data.oMi[joint])
+    rounded = np.round(poses, DIGITS)
     return {  # a body that stands needs one pose
-        joint: rows[:1] if all(row == rows[0] for row in rows) else rows
-        for joint, rows in poses.items()
+        str(joint): (rows[:1] if (rows == rows[0]).all() else rows).tolist()
+        for joint, rows in zip(joints, rounded, strict=True)
     }
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,6 +25,7 @@ __all__ = [
     "Scenario",
     "load_scenario",
     "read_content",
+    "read_joints",
     "scenario_of",
     "shipped_scenarios",
     "sliding_joints",
@@ -93,12 +94,19 @@ def read_content(name_or_path: str | Path) -> tuple[dict[str, Any], Path]:
         raise ScenarioError(f"{path}: not a TOML file: {cause}") from None
 
 
-def scenario_of(content: Mapping[str, Any], path: Path) -> Scenario:
+def scenario_of(
+    content: Mapping[str, Any],
+    path: Path,
+    *,
+    build: Callable[[Mapping[str, Any], Path], Machine] = build_machine,
+) -> Scenario:
     """Scenario of a file's content.
 
     Args:
         content: Tables of the file.
         path: Path of the file: for messages, the name, and paths in the file.
+        build: Makes the machine of the table [machine], whose paths are relative to a folder; a
+            caller with many scenarios of one machine may keep it.
 
     Raises:
         ScenarioError: A key is unknown, missing or of the wrong type; or machine or problem are
@@ -106,7 +114,7 @@ def scenario_of(content: Mapping[str, Any], path: Path) -> Scenario:
     """
     try:
         check_table(content, SCHEMA)
-        problem = _build_problem(content, path.parent)
+        problem = _build_problem(content, path.parent, build)
     except ZmpSqpError as cause:
         raise ScenarioError(f"{path}: {in_keys(str(cause))}") from cause
     qp_solver = content.get("plan", {}).get("qp_solver", DEFAULT_QP_SOLVER)
@@ -136,15 +144,17 @@ def _find(name_or_path: str | Path) -> Path:
     return path
 
 
-def _build_problem(content: Mapping[str, Any], folder: Path) -> Problem:
+def _build_problem(
+    content: Mapping[str, Any], folder: Path, build: Callable[[Mapping[str, Any], Path], Machine]
+) -> Problem:
     """Problem of a checked file; its paths are relative to the folder."""
     with _blame("machine"):
         _check_name(content["machine"].get("name"))
-        machine = build_machine(content["machine"], folder)
+        machine = build(content["machine"], folder)
     with _blame("ground"):
         ground = build_ground(content.get("ground", {}), folder)
     motion: dict[str, Any] = {
-        key: _read_joints(content["motion"], key, machine) for key in JOINT_KEYS
+        key: read_joints(content["motion"], key, machine) for key in JOINT_KEYS
     }
     plan = content.get("plan", {})
     with _blame("plan"):
@@ -184,13 +194,17 @@ def _blame(table: str) -> Iterator[None]:
         raise ScenarioError(f"[{table}]: {cause}") from cause
 
 
-def _read_joints(motion: Mapping[str, Any], key: str, machine: Machine) -> Array | None:
+def read_joints(motion: Mapping[str, Any], key: str, machine: Machine) -> Array | None:
     """One number per joint, shape (n,), in SI units; None if the key is not there.
 
     Args:
         motion: The table [motion].
         key: Name of the key for radians; with _deg appended, the key is in degrees.
         machine: Gives the joints.
+
+    Raises:
+        ScenarioError: Not one number per joint, an unknown joint or pose, or degrees for a joint
+            that slides.
     """
     found = key if key in motion else f"{key}{DEGREES}"
     if found not in motion:

@@ -39,8 +39,12 @@ class PlanFile:
     content: dict[str, Any] = field(repr=False)
 
     @classmethod
-    def read(cls, path: str | Path) -> PlanFile:
+    def read(cls, path: str | Path, *, needs_motion: bool = True) -> PlanFile:
         """Read and check a file.
+
+        Args:
+            path: Path of the file.
+            needs_motion: Whether a plan without success is refused.
 
         Raises:
             ScenarioError: The file is no plan.json with a motion; the message names it and says
@@ -68,7 +72,7 @@ class PlanFile:
                 raise ScenarioError(
                     f"{path}: {key} cannot be {shortened(content[key])}: the file is damaged"
                 )
-        if content["trajectory"] is None:
+        if needs_motion and content["trajectory"] is None:
             raise ScenarioError(f"{path}: it holds no motion: {content['message']}")
         return cls(path, content)
 
@@ -82,22 +86,31 @@ class PlanFile:
             ScenarioError: The text is no scenario, or a file that it names is not there; the
                 message says so.
         """
+        tables = self.tables()
         try:
-            tables = tomllib.loads(self.content["scenario_text"])
-        except ValueError as cause:
-            raise ScenarioError(f"{self.path}: its scenario_text is no TOML: {cause}") from None
-        asked = self.content["margin_asked"]
-        margin = finite_number(asked, name=f"{self.path}: margin_asked", error=ScenarioError)
-        try:
-            found = scenario_of(tables, self._place())
-            return replace(found, problem=replace(found.problem, margin=margin))
+            found = scenario_of(tables, self.place)
+            return replace(found, problem=replace(found.problem, margin=self.margin))
         except ZmpSqpError as cause:
             raise ScenarioError(
                 f"{self.path}: the scenario in it cannot be used; if files that it names lie "
                 f"elsewhere, give it by --scenario: {cause}"
             ) from cause
 
-    def _place(self) -> Path:
+    def tables(self) -> dict[str, Any]:
+        """Unchecked tables of the scenario; raises ScenarioError if its text is no TOML."""
+        try:
+            return tomllib.loads(self.content["scenario_text"])
+        except ValueError as cause:
+            raise ScenarioError(f"{self.path}: its scenario_text is no TOML: {cause}") from None
+
+    @property
+    def margin(self) -> float:
+        """Margin that was asked for [m]; raises ScenarioError if it is not finite."""
+        asked = self.content["margin_asked"]
+        return finite_number(asked, name=f"{self.path}: margin_asked", error=ScenarioError)
+
+    @property
+    def place(self) -> Path:
         """Path of the scenario file, to which paths in it are relative."""
         name = f"{Path(self.content['scenario']).name}.toml"
         given = self.content.get("scenario_path")

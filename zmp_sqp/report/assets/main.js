@@ -5,11 +5,26 @@
   const plans = JSON.parse(document.getElementById("data").textContent);
   const byId = (name) => document.getElementById(name);
   const slider = byId("time"), clock = byId("clock"), play = byId("play"), speed = byId("speed"), camera = byId("camera"), ghost = byId("ghost");
-  const shown = plans.map((plan, i) => ({ plan, element: document.querySelector(`[data-plan="${i}"]`) })).filter(({ plan }) => plan.record);
-  const span = Math.max(1e-9, ...shown.map(({ plan }) => plan.record.plan.duration));
-  const ranges = sharedRanges();
-  let time = 0, playing = false, before = 0;
-  const panels = shown.map(panelOf);
+  const views = new Map(); // 3-D view of each article: it outlives the plan that it shows
+  let shown = [], span = 1e-9, ranges = {}, panels = [], time = 0, playing = false, before = 0;
+
+  function lay() {
+    shown = plans.map((plan, i) => ({ plan, element: document.querySelector(`[data-plan="${i}"]`) })).filter(({ plan }) => plan.record);
+    span = Math.max(1e-9, ...shown.map(({ plan }) => plan.record.plan.duration));
+    ranges = sharedRanges();
+    panels = shown.map(panelOf);
+    slider.max = span;
+    ghost.parentElement.hidden = !shown.some(({ plan }) => plan.record.blind);
+    document.querySelector(".transport").hidden = !shown.some(({ plan }) => plan.record.plan.times.length > 1);
+  }
+
+  // Show another plan in an article; the time cursor stays at its share of the motion, or goes to `share` of it.
+  function replace(number, plan, share) {
+    const before = share ?? time / span;
+    plans[number] = plan;
+    lay();
+    seek(before * span);
+  }
 
   function askedOf(plan, chart) {
     return chart.group === "constraint" ? plan.guarantees.find((found) => found.name === chart.title)?.required || null : null;
@@ -32,14 +47,16 @@
 
   function panelOf({ plan, element }) {
     const { record } = plan, motion = record.plan, full = Math.max(0, ...motion.margin.filter((entry) => entry !== null));
-    let view = null;
-    try { view = new View(element.querySelector(".canvas"), record, full); }
-    catch (error) {
+    let view = views.get(element) || null;
+    if (view) view.update(record, full);
+    else if (!views.has(element)) try { view = new View(element.querySelector(".canvas"), record, full); } catch (error) {
       const note = document.createElement("p");
       note.className = "note";
       note.textContent = `This browser has no WebGL, so the machine is not drawn (${error.message}); the plots are complete.`;
       element.querySelector(".canvas").replaceChildren(note);
     }
+    views.set(element, view);
+    for (const place of element.querySelectorAll(".map, .constraints > div, .joints > div")) place.replaceChildren();
     const map = record.support ? drawMap(element.querySelector(".map"), record, full) : () => {};
     const cursors = motion.charts.map((chart) => drawChart(
       element.querySelector(chart.group === "constraint" ? ".constraints > div" : ".joints > div"),
@@ -49,9 +66,9 @@
       const at = locate(motion.times, t), point = pointAt(motion.zmp, at), margin = valueAt(motion.margin, at);
       const blind = record.blind && locate(record.blind.times, t), blindMargin = blind && valueAt(record.blind.margin, blind);
       if (view) { view.move(view.plan, t); if (view.blind) view.move(view.blind, t); view.render(); }
-      map(point, blind && ghost.checked ? pointAt(record.blind.zmp, blind) : null);
-      for (const cursor of cursors) cursor(at, Math.min(t, motion.duration));
       const bad = margin === null || margin < 0;
+      map(point, blind && ghost.checked ? pointAt(record.blind.zmp, blind) : null, bad);
+      for (const cursor of cursors) cursor(at, Math.min(t, motion.duration));
       now.classList.toggle("bad", bad);
       now.textContent = `${bad ? "\u2717 outside, tips over: " : ""}margin ${inWords(margin, "m")}`
         + (blind ? `; stability-blind: ${blindWords(record.blind, blindMargin, t)}` : "");
@@ -89,7 +106,7 @@
 
   function keys(event) {
     const target = event.target, typing = target.matches("select, input[type=range]"), far = event.shiftKey ? 10 : 1;
-    if (event.ctrlKey || event.metaKey || event.altKey || target.matches("select")) return;
+    if (event.ctrlKey || event.metaKey || event.altKey || target.matches("select") || target.closest("[data-own-keys]")) return;
     const step = far * span / 200, known = {
       " ": () => toggle(!playing), ArrowRight: () => seek(time + step), ArrowLeft: () => seek(time - step),
       Home: () => seek(0), End: () => seek(span), g: () => ghost.click(), G: () => ghost.click(),
@@ -120,19 +137,17 @@
     if (on) for (const details of document.querySelectorAll("details")) details.open = true;
   }
 
-  slider.max = span;
   slider.addEventListener("input", () => { toggle(false); seek(Number(slider.value)); });
   play.addEventListener("click", () => toggle(!playing));
   camera.addEventListener("change", look);
   ghost.addEventListener("change", () => { for (const { view } of panels) view?.show(ghost.checked); look(); seek(time); });
   byId("dark").addEventListener("click", () => darken(!document.documentElement.classList.contains("dark")));
-  byId("save").addEventListener("click", save);
+  byId("save")?.addEventListener("click", save);
   document.addEventListener("keydown", keys);
   window.addEventListener("beforeprint", () => printing(true));
   window.addEventListener("afterprint", () => printing(false));
-  ghost.parentElement.hidden = !shown.some(({ plan }) => plan.record.blind);
-  document.querySelector(".transport").hidden = !shown.length;
+  lay();
   if (window.matchMedia("(prefers-color-scheme: dark)").matches) darken(true);
-  window.zmpReport = { seek, views: panels.map(({ view }) => view), playing: () => playing, time: () => time, span };
+  window.zmpReport = { seek, replace, playing: () => playing, time: () => time, get views() { return panels.map(({ view }) => view); }, get span() { return span; } };
   seek(0);
 })();

@@ -132,7 +132,8 @@ function drawMap(parent, record, full) {
     drawn(svg, "path", { class: `trail ${kind}`, d: pathOf(points.map(place)) });
   const other = blind && drawn(svg, "circle", { class: "blindzmp", r: 5 });
   const marker = drawn(svg, "circle", { class: "zmp", r: 6, "data-marker": "zmp" });
-  return (point, blindPoint) => {
+  return (point, blindPoint, bad) => {
+    marker.setAttribute("class", bad ? "zmp outside" : "zmp");
     for (const [circle, at] of [[marker, point], [other, blindPoint]]) {
       if (!circle) continue;
       circle.setAttribute("visibility", at ? "visible" : "hidden");

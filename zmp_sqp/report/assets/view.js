@@ -22,10 +22,40 @@ class View {
     this.measure();
     this.addGround();
     this.plan = this.addMachine(record.plan, null);
+    this.addMass();
     this.addTrail(record.plan, full);
+    this.tint(record.broken);
     this.blind = record.blind && this.addMachine(record.blind, GHOST);
+    this.controls.addEventListener("start", () => { this.turned = true; });
     new ResizeObserver(() => this.resize()).observe(parent);
     this.preset("corner");
+  }
+
+  // Show another motion of this machine, on a slope that may be another; the camera stays.
+  update(record, full) {
+    this.record = record;
+    this.ground.quaternion.fromArray(record.ground.rotation);
+    this.plan.motion = record.plan;
+    this.addPayloads(this.plan, record.parts.filter((part) => part.payload));
+    this.addTrail(record.plan, full);
+    this.tint(record.broken);
+    if (!this.turned && this.grow()) this.preset(this.looks);
+  }
+
+  // Take in what reaches beyond what was measured before; returns whether it is much.
+  grow() {
+    const { low, high, size } = this;
+    this.measure();
+    const far = Math.max(...low.map((entry, i) => Math.max(entry - this.low[i], this.high[i] - high[i])));
+    this.low = low.map((entry, i) => Math.min(entry, this.low[i]));
+    this.high = high.map((entry, i) => Math.max(entry, this.high[i]));
+    this.size = size; // of the ground and the marks, which stay
+    return far > 0.02 * size;
+  }
+
+  // Redden a machine whose motion is not safe.
+  tint(broken) {
+    for (const { material, colour } of this.plan.materials) material.color.copy(colour).lerp(new THREE.Color(COLOURS.out), broken ? 0.65 : 0);
   }
 
   lights() {
@@ -72,16 +102,9 @@ class View {
   }
 
   addMachine(motion, ghost) {
-    const root = new THREE.Group(), bodies = {}, { support } = this.record;
-    for (const joint of Object.keys(motion.bodies)) { bodies[joint] = new THREE.Group(); root.add(bodies[joint]); }
-    for (const part of this.record.parts) {
-      const material = new THREE.MeshLambertMaterial(ghost || { color: new THREE.Color().setRGB(...part.colour.slice(0, 3), "srgb"), side: THREE.DoubleSide });
-      const mesh = new THREE.Mesh(solid(part), material);
-      mesh.applyMatrix4(placed(part.pose));
-      if (part.kind === "cylinder" || part.kind === "capsule") mesh.rotateX(Math.PI / 2);
-      bodies[part.joint].add(mesh);
-      if (part.kind === "box" && !ghost) mesh.add(new THREE.LineSegments(new THREE.EdgesGeometry(mesh.geometry), new THREE.LineBasicMaterial({ color: 0x222222 })));
-    }
+    const root = new THREE.Group(), { support } = this.record, machine = { motion, root, bodies: {}, materials: [], loads: [], drawn: null, ghost };
+    for (const part of this.record.parts) if (!part.payload) this.addPart(machine, part);
+    this.addPayloads(machine, this.record.parts.filter((part) => part.payload));
     // what lies on the ground stays there while a ghost falls over
     const rest = ghost ? new THREE.Group() : root;
     if (ghost) rest.applyMatrix4(placed(motion.root[0]));
@@ -94,7 +117,52 @@ class View {
     shift.add(root);
     if (ghost) shift.add(rest);
     this.ground.add(shift);
-    return { motion, root, bodies, marker, shift };
+    return Object.assign(machine, { marker, shift });
+  }
+
+  addPart(machine, part) {
+    const { ghost, bodies, root } = machine, colour = new THREE.Color().setRGB(...part.colour.slice(0, 3), "srgb");
+    const material = new THREE.MeshLambertMaterial(ghost || { color: colour, side: THREE.DoubleSide });
+    const mesh = new THREE.Mesh(solid(part), material);
+    mesh.applyMatrix4(placed(part.pose));
+    if (part.kind === "cylinder" || part.kind === "capsule") mesh.rotateX(Math.PI / 2);
+    if (!bodies[part.joint]) root.add(bodies[part.joint] = new THREE.Group());
+    bodies[part.joint].add(mesh);
+    if (part.kind === "box" && !ghost) mesh.add(new THREE.LineSegments(new THREE.EdgesGeometry(mesh.geometry), new THREE.LineBasicMaterial({ color: 0x222222 })));
+    if (!ghost) machine.materials.push({ material, colour, mesh });
+    return mesh;
+  }
+
+  // Payloads, in place of those that were drawn, unless they are the same.
+  addPayloads(machine, parts) {
+    const wanted = JSON.stringify(parts);
+    if (wanted === machine.drawn) return;
+    for (const mesh of machine.loads) { mesh.removeFromParent(); release(mesh); }
+    machine.materials = machine.materials.filter(({ mesh }) => !machine.loads.includes(mesh));
+    machine.loads = parts.map((part) => this.addPart(machine, part));
+    machine.drawn = wanted;
+  }
+
+  // Centre of mass, and the line from it along gravity to the zero moment point; only where the record has it.
+  addMass() {
+    const size = this.size || 1;
+    this.mass = new THREE.Mesh(new THREE.SphereGeometry(0.013 * size, 20, 14), overlay({ color: 0xffffff }));
+    const rim = new THREE.Mesh(new THREE.SphereGeometry(0.017 * size, 20, 14), overlay({ color: 0x000000 }));
+    this.plumb = new THREE.Mesh(new THREE.CylinderGeometry(0.003 * size, 0.003 * size, 1, 8), overlay({ color: 0x000000 }));
+    rim.renderOrder = 4; this.mass.renderOrder = 5; this.plumb.renderOrder = 4;
+    this.mass.add(rim);
+    this.plan.root.add(this.mass, this.plumb);
+  }
+
+  moveMass(com, point) {
+    this.mass.visible = Boolean(com);
+    this.plumb.visible = Boolean(com && point);
+    if (com) this.mass.position.set(...com);
+    if (!com || !point) return;
+    const from = new THREE.Vector3(...com), way = new THREE.Vector3(point[0], point[1], this.record.support ? this.record.support.height : 0).sub(from);
+    this.plumb.position.copy(from).addScaledVector(way, 0.5);
+    this.plumb.scale.set(1, way.length(), 1);
+    this.plumb.quaternion.setFromUnitVectors(new THREE.Vector3(0, 1, 0), way.normalize());
   }
 
   // Band on the ground along the zero moment point, coloured by margin.
@@ -111,12 +179,13 @@ class View {
       const colour = new THREE.Color(COLOURS[kind]);
       for (const k of [0, 1, 2, 2, 1, 3]) { places.push(...corners[k].toArray()); colours.push(colour.r, colour.g, colour.b); }
     }
+    if (this.band) { this.band.removeFromParent(); release(this.band); }
     const geometry = new THREE.BufferGeometry();
     geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(places), 3));
     geometry.setAttribute("color", new THREE.BufferAttribute(new Float32Array(colours), 3));
-    const band = new THREE.Mesh(geometry, overlay({ vertexColors: true, side: THREE.DoubleSide }));
-    band.renderOrder = 3;
-    this.ground.add(band);
+    this.band = new THREE.Mesh(geometry, overlay({ vertexColors: true, side: THREE.DoubleSide }));
+    this.band.renderOrder = 3;
+    this.ground.add(this.band);
   }
 
   // Move a machine to a time; returns its zero moment point and margin.
@@ -124,17 +193,19 @@ class View {
     const { motion } = machine, at = locate(motion.times, t), { fall } = motion;
     const arm = fall && fall.over ? locate(motion.times, Math.min(t, fall.times[fall.times.length - 1])) : at;
     if (fall) pose(machine.root, fall.root, locate(fall.times, t)); else pose(machine.root, motion.root, at);
-    for (const [joint, group] of Object.entries(machine.bodies)) pose(group, motion.bodies[joint], arm);
+    for (const [joint, group] of Object.entries(machine.bodies)) if (motion.bodies[joint]) pose(group, motion.bodies[joint], arm);
     if (machine !== this.plan && !fall && motion.root.length > 1) pose(machine.marker.parent, motion.root, at);
     const point = pointAt(motion.zmp, at), margin = valueAt(motion.margin, at);
     machine.marker.visible = Boolean(point);
     if (point) machine.marker.position.set(point[0], point[1], this.record.support ? this.record.support.height : 0);
+    if (machine === this.plan) this.moveMass(motion.com ? motion.com[0] : null, point);
     const bad = margin === null || margin < 0;
     machine.marker.material.color.set(bad ? COLOURS.out : machine === this.plan ? 0xf0e442 : 0x8899aa);
     return { at, point, margin };
   }
 
   preset(name) {
+    this.looks = name;
     const both = this.blind && this.blind.shift.visible ? this.beside : 0;
     const low = new THREE.Vector3(...this.low), high = new THREE.Vector3(...this.high);
     high.y += both;
@@ -166,6 +237,8 @@ class View {
 }
 
 const COLOURS = { ample: "#0072b2", tight: "#56b4e9", short: "#e69f00", out: "#c1121f" };
+
+function release(mesh) { mesh.traverse((part) => { part.geometry?.dispose(); part.material?.dispose(); }); }
 
 // Material that is seen through the machine.
 function overlay(look) { return new THREE.MeshBasicMaterial({ ...look, depthTest: false, transparent: true }); }
