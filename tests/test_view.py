@@ -2,6 +2,7 @@
 
 import http.client
 import json
+import re
 import socket
 import subprocess
 import sys
@@ -210,7 +211,7 @@ def test_random_requests_never_fail_inside(server: ViewServer) -> None:
     statuses = set()
     for _ in range(60):
         chosen = {str(k): values[rng.integers(len(values))] for k in rng.choice(keys, 2)}
-        path = str(rng.choice(["/plan", "/rest", "/text"]))
+        path = str(rng.choice(["/plan", "/rest", "/text", "/advice"]))
         status, answer, _ = send(server, path, json.dumps({"values": chosen}))
         statuses.add(status)
         assert status in (200, 400), answer
@@ -308,6 +309,29 @@ def test_a_motion_that_is_not_safe_is_marked(tmp_path: Path) -> None:
     assert "tips the machine over" in answer["verdict"]
     assert answer["record"]["broken"] is True
     assert min(answer["record"]["plan"]["margin"]) < -0.5
+
+
+def test_advice_names_a_payload_that_would_do(tmp_path: Path) -> None:
+    session = Session(subject_of_scenario(blocked(tmp_path)))
+    answer = session.advice({})
+    found = re.search(r"(\d+) kg", answer["words"])
+    assert found is not None, answer
+    lighter = float(found[1])
+    assert 0.0 < lighter < 6000.0
+    assert session.plan({"payload": lighter}, settle=True)["state"] == "safe"
+    assert session.advice({"payload": 100.0})["words"] == "<p>There is a safe motion.</p>"
+
+
+def test_a_budget_that_runs_out_grows_and_shrinks_again(tmp_path: Path) -> None:
+    """Over terrain the first motion takes longer than those that start from it."""
+    subject = subject_of_scenario("terrain")
+    session = Session(subject, budget=0.02)
+    states = [session.plan({"margin": 0.02}, settle=False)["state"] for _ in range(3)]
+    assert states == ["searching"] * 3
+    assert session._quick.allowed == pytest.approx(0.08)  # four times what was asked for
+    session = Session(subject, budget=5.0)
+    assert session.plan({"margin": 0.02}, settle=False)["state"] == "safe"
+    assert session._quick.allowed == 5.0
 
 
 @pytest.mark.parametrize("status", [Status.STOP, Status.KEPT])
@@ -510,6 +534,27 @@ def test_a_machine_without_limits_or_polygon_is_shown_and_not_planned(tmp_path: 
     refused = session.plan({}, settle=True)
     assert refused["state"] == "refused"
     assert "limit" in refused["verdict"]
+
+
+def test_limits_that_are_missing_are_filled_in(tmp_path: Path) -> None:
+    urdf = shipped_machines()["forwarder_crane"]
+    (tmp_path / "crane.urdf").write_bytes(urdf.read_bytes())  # without its joint_limits.yaml
+    path = tmp_path / "crane.toml"
+    session = Session(
+        subject_of_machine({"machine": {"urdf": "crane.urdf"}, "ground": LEVEL}, path)
+    )
+    assert "missing.acceleration" in session.subject.controls
+    assert "limits.acceleration" not in session.subject.controls
+    refused = session.plan({}, settle=True)
+    assert refused["state"] == "refused"
+    assert "acceleration limit" in refused["verdict"]
+    values = {"missing.acceleration": 0.7}
+    planned = session.plan(values, settle=True)
+    assert planned["state"] == "safe"
+    path.write_text(session.text(values, path), encoding="utf-8")
+    problem = load_scenario(path).problem
+    assert problem.machine.limits.acceleration.tolist() == [0.7, 0.7, 0.9, 0.7]
+    assert zs.plan(problem).duration == planned["duration"]
 
 
 # --- what is viewed -------------------------------------------------------------------------

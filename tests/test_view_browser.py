@@ -186,6 +186,12 @@ def test_the_least_violating_motion_is_red(view: Opened) -> None:
         "zmpReport.views[0].plan.materials.map(({ material }) => material.color.toArray())"
     )
     assert all(red > max(green, blue) for red, green, blue in colours)
+    view.page.click("#advise")
+    view.page.wait_for_selector(".advice p")
+    assert "kg" in view.page.inner_text(".advice")
+    view.drag("payload", 100.0)
+    assert view.settle()["state"] == "safe"
+    assert view.page.inner_text(".advice") == ""
 
 
 def test_the_number_box_and_the_keyboard_work(view: Opened) -> None:

@@ -101,8 +101,8 @@ def add_view(commands: Any, shipped: str) -> None:
         "--budget",
         type=float,
         metavar="S",
-        help="[s] time of a plan while something is dragged (default: 0.25); when it rests, the "
-        "search takes all the time that `zmp-sqp plan` would",
+        help="[s] time of a plan while something is dragged (default: 0.25; up to four times that "
+        "where nothing is found); at rest, the search takes all the time that `zmp-sqp plan` would",
     )
     command.add_argument(
         "--save",
@@ -133,6 +133,8 @@ def run_view(arguments: argparse.Namespace) -> int:
     console = make_console(None)
     with _listening(ViewServer, session, arguments) as server:
         console.print(f"{session.subject.title}: {server.url}", soft_wrap=True)
+        if arguments.save is not None and arguments.save.exists():
+            console.print(f"{arguments.save} is there already: Save replaces it", soft_wrap=True)
         console.print("Ctrl-C ends it.")
         if arguments.browser and not webbrowser.open(server.url):
             console.print("no browser was found: open the address in one")

@@ -28,6 +28,7 @@ NOTCHES = 200  # steps of a slider of mass or margin, about
 MOST_MASS = 2.5  # times the payload of the scenario
 MOST_SHARE = 0.3  # of the machine's mass, for a machine without payload
 FACTORS = (10.0, 200.0)  # [%] of limits
+MISSING = (0.0, 10.0)  # [rad/s, m/s and per second] in place of limits that are missing; 0 is none
 DIGITS = 9  # decimals of what is shown
 SLACK = 1e-9  # relative: rounding of ranges
 
@@ -38,7 +39,7 @@ class Control:
 
     Attributes:
         key: Name in requests.
-        group: Where it is shown: goal, ground, load, limits, base, start or pose.
+        group: Where it is shown: goal, ground, load, limits, missing (limits), base, start or pose.
         label: What it is, for people.
         unit: Unit of all numbers here.
         low, high: Range.
@@ -172,6 +173,10 @@ def _limits(content: Mapping[str, Any], machine: Machine) -> Iterator[Control]:
     for key, label in (("velocity", "rates"), ("acceleration", "accelerations")):
         if not np.isnan(getattr(machine.limits, key)).any():
             yield _control(f"limits.{key}", "limits", label, "%", FACTORS, 1.0, 100.0)
+        else:
+            unit = {"velocity": "rad/s, m/s", "acceleration": "rad/s\u00b2, m/s\u00b2"}[key]
+            words = f"{label} where the machine gives none"
+            yield _control(f"missing.{key}", "missing", words, unit, MISSING, 0.05, 0.0)
     for table in content.get("constraints", ()):
         if table.get("type") == "torque_limits":
             share = 100.0 * float(table.get("share", 1.0))

@@ -154,7 +154,13 @@ class Handler(BaseHTTPRequestHandler):
         if not self._is_token(self.headers.get(TOKEN, "")):
             _forbid("the token is missing or wrong: open the page anew")
         body = self._body()
-        work = {"/plan": self._plan, "/rest": self._rest, "/text": self._text, "/save": self._save}
+        work = {
+            "/plan": self._plan,
+            "/rest": self._rest,
+            "/advice": self._advice,
+            "/text": self._text,
+            "/save": self._save,
+        }
         path = urlsplit(self.path).path
         if path not in work:
             raise Refused(
@@ -167,6 +173,9 @@ class Handler(BaseHTTPRequestHandler):
 
     def _rest(self, body: Mapping[str, Any]) -> dict[str, Any]:
         return self.server.session.rest(body.get("values", {}), tables=_flag(body, "tables"))
+
+    def _advice(self, body: Mapping[str, Any]) -> dict[str, Any]:
+        return self.server.session.advice(body.get("values", {}))
 
     def _text(self, body: Mapping[str, Any]) -> dict[str, Any]:
         return {"text": self.server.session.text(body.get("values", {}), None)}

@@ -6,22 +6,20 @@ import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from copy import deepcopy
+from html import escape
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from zmp_sqp.control import Planner
-from zmp_sqp.errors import ZmpSqpError, in_keys
+from zmp_sqp.errors import MachineWarning, ProblemWarning, ZmpSqpError, in_keys
 from zmp_sqp.mechanics import Machine
 from zmp_sqp.mechanics.inspection import Inspection, inspect
-from zmp_sqp.planning import Plan, Problem, plan
-from zmp_sqp.planning.search.answer import Status
+from zmp_sqp.planning import Plan, diagnose, plan
 from zmp_sqp.report.parts import machine_parts
 from zmp_sqp.report.record import urdf_of
 from zmp_sqp.scenario import Scenario, scenario_of
-from zmp_sqp.scenario.scene import build_ground, build_machine
+from zmp_sqp.scenario.scene import build_ground
 from zmp_sqp.scenario.text import scenario_text
 from zmp_sqp.view.answers import (
     plan_answer,
@@ -33,50 +31,15 @@ from zmp_sqp.view.answers import (
 from zmp_sqp.view.controls import checked_values
 from zmp_sqp.view.desk import Desk
 from zmp_sqp.view.inspection_page import inspection_html
+from zmp_sqp.view.memory import KeptMachine, QuickPlanner
 from zmp_sqp.view.stance import Stance
 from zmp_sqp.view.subject import Subject, relocated
 
 __all__ = ["BUDGET", "Session"]
 
 BUDGET = 0.25  # [s] of a plan while something is dragged
+ATTEMPT = 1.0  # [s] at most with another payload or slope, before a newer request is heard
 POSE = "shown"  # name of the pose of the sliders
-# attributes of a Planner that a problem has, too
-PLANNER_FIELDS = (
-    "machine",
-    "ground",
-    "margin",
-    "intervals",
-    "model",
-    "constraints",
-    "tipping_fraction",
-    "payload_uncertainty",
-    "slope_uncertainty",
-    "payload_com_uncertainty",
-)
-
-
-class Kept:
-    """Machine of the last request, which most requests have in common, with its warnings."""
-
-    def __init__(self) -> None:
-        self._table: dict[str, Any] = {}
-        self._machine: Machine | None = None
-        self.said: tuple[str, ...] = ()
-
-    def build(self, table: Mapping[str, Any], folder: Path) -> Machine:
-        """Machine of the table [machine], whose paths are relative to a folder.
-
-        Raises:
-            MachineError: URDF, limits, support or payload cannot be used.
-        """
-        if self._machine is None or table != self._table:
-            self._machine, self.said = None, ()
-            with warnings.catch_warnings(record=True) as caught:
-                warnings.simplefilter("always")
-                self._machine = build_machine(table, folder)
-            self.said = tuple(str(warning.message) for warning in caught)
-            self._table = deepcopy(dict(table))
-        return self._machine
 
 
 class Session:
@@ -84,28 +47,27 @@ class Session:
 
     Attributes:
         subject: What the view is about.
-        budget: Time of a plan while something is dragged [s].
         desk: Queue of the requests.
         parts: What is drawn of the machine, without payloads.
     """
 
     def __init__(self, subject: Subject, budget: float = BUDGET) -> None:
+        """Begin a session; `budget` is the time of a plan while something is dragged [s]."""
         self.subject = subject
-        self.budget = budget
         self.desk = Desk()
         table, folder = subject.content["machine"], subject.path.parent
         drawn = machine_parts(subject.machine, *urdf_of(table, folder))
         self.parts = [part for part in drawn if not part["payload"]]
         self._drawn = {part["joint"] for part in self.parts}
-        self._planner: Planner | None = None
-        self._kept = Kept()
+        self._quick = QuickPlanner(budget)
+        self._kept = KeptMachine()
 
     def plan(self, given: object, *, settle: bool) -> dict[str, Any]:
         """Plan for the values of a request.
 
         Args:
             given: Values by key of the control, see `checked_values`; others are as they were.
-            settle: Whether to search as long as `zmp-sqp plan` does, in place of `budget`. A newer
+            settle: Whether to search as long as `zmp-sqp plan` does, in place of a budget. A newer
                 request ends such a search.
 
         Returns:
@@ -124,10 +86,12 @@ class Session:
                 answer = refusal(self._words(cause), self._firmness(values))
                 return self._with_times(answer, began, time.perf_counter() - began, said)
             start = time.perf_counter()
-            found = self._settled(scenario, still_wanted) if settle else self._quick(scenario)
+            allowed = self._quick.allowed
+            found: Plan | None
+            found = _settled(scenario, still_wanted) if settle else self._quick.plan(scenario)
             took = time.perf_counter() - start
             if found is None:
-                answer = unfinished_answer(self.budget)
+                answer = unfinished_answer(allowed)
             else:
                 answer = plan_answer(found, self._drawn, settled=settle)
             return self._with_times(answer, began, took, said)
@@ -155,6 +119,35 @@ class Session:
                 answer = refusal(self._words(cause), None)
             return self._with_times(answer, began, time.perf_counter() - began, said)
 
+    def advice(self, given: object) -> dict[str, Any]:
+        """Look for a lighter payload or a gentler slope with which there is a safe motion.
+
+        Args:
+            given: Values by key of the control, for which no safe motion was found.
+
+        Returns:
+            `state` advice, and `words`, as HTML.
+
+        Raises:
+            ScenarioError: The values are refused as such.
+            Superseded: A newer request has come.
+        """
+        values = checked_values(given, self.subject.controls)
+        with self._turn() as (still_wanted, said):
+            began = time.perf_counter()
+            try:
+                found = _settled(self._scenario(values), still_wanted)
+                if found.success:
+                    words = "There is a safe motion."
+                else:
+                    words = diagnose(
+                        found, time_budget=ATTEMPT, progress=lambda _: still_wanted()
+                    ).message
+            except ZmpSqpError as cause:
+                words = self._words(cause)
+            answer = {"state": "advice", "words": f"<p>{escape(words)}</p>"}
+            return self._with_times(answer, began, time.perf_counter() - began, said)
+
     def text(self, given: object, target: Path | None) -> str:
         """Scenario file for the values of a request, which `zmp-sqp plan` reads.
 
@@ -180,36 +173,6 @@ class Session:
         """Checked scenario; raises ZmpSqpError if it is refused."""
         content = self.subject.content_with(values)
         return scenario_of(content, self.subject.path, build=self._kept.build)
-
-    def _settled(self, scenario: Scenario, still_wanted: Callable[[], None]) -> Plan:
-        """Plan as `zmp-sqp plan` makes it."""
-        return plan(
-            scenario.problem,
-            qp_solver=scenario.qp_solver,
-            progress=lambda _: still_wanted(),
-            announce=lambda _: still_wanted(),
-        )
-
-    def _quick(self, scenario: Scenario) -> Plan | None:
-        """Certified motion to the goal that is found within the budget; None if there is none.
-
-        What a `Planner` may return beside it, a stop or a motion to the goal of an earlier call,
-        answers another question.
-        """
-        problem = scenario.problem
-        if self._planner is None or self._planner.qp_solver != scenario.qp_solver:
-            self._planner = Planner(problem.machine, qp_solver=scenario.qp_solver)
-        for name in PLANNER_FIELDS:
-            setattr(self._planner, name, getattr(problem, name))
-        found = self._planner.plan(
-            problem.start,
-            problem.goal,
-            problem.start_velocity,
-            time_budget=self.budget,
-            goal_velocity=problem.goal_velocity,
-            base=problem.base,
-        )
-        return found if found.success and _answers(found, problem) else None
 
     def _rest(self, values: Mapping[str, float], *, tables: bool) -> dict[str, Any]:
         subject = self.subject
@@ -270,7 +233,11 @@ class Session:
         self, answer: dict[str, Any], began: float, took: float, said: list[Any]
     ) -> dict[str, Any]:
         """Answer with what it took [ms], and warnings."""
-        noted = dict.fromkeys([*self._kept.said, *(str(warning.message) for warning in said)])
+        noted = dict.fromkeys(
+            str(warning.message)
+            for warning in (*self._kept.said, *said)
+            if issubclass(warning.category, MachineWarning | ProblemWarning)
+        )
         return answer | {
             "milliseconds": {
                 "plan": round(1e3 * took, 1),
@@ -280,10 +247,11 @@ class Session:
         }
 
 
-def _answers(found: Plan, problem: Problem) -> bool:
-    """Whether a plan leads from start to goal of a problem."""
-    asked = found.problem
-    same = np.array_equal(asked.goal, problem.goal) and np.array_equal(asked.start, problem.start)
-    same = same and np.array_equal(asked.goal_velocity, problem.goal_velocity)
-    same = same and found.status is not Status.STOP
-    return same and asked.base is problem.base
+def _settled(scenario: Scenario, still_wanted: Callable[[], None]) -> Plan:
+    """Plan as `zmp-sqp plan` makes it, as long as it is wanted."""
+    return plan(
+        scenario.problem,
+        qp_solver=scenario.qp_solver,
+        progress=lambda _: still_wanted(),
+        announce=lambda _: still_wanted(),
+    )

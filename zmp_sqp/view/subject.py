@@ -82,6 +82,8 @@ class Subject:
                 tables.setdefault("plan", {})["margin"] = value
             elif group == "limits":
                 self._set_limit(tables, name, value)
+            elif group == "missing":
+                self._fill_in(tables["machine"], name, value)
             elif group == "base":
                 at = ["x", "y", "yaw"].index(name)
                 goal = list(tables["base"]["goal"])
@@ -144,16 +146,27 @@ class Subject:
         joints = zip(self.machine.joint_names, given.tolist(), strict=True)
         limits[name] = {joint: share * limit for joint, limit in joints}
 
+    def _fill_in(self, machine: dict[str, Any], name: str, value: float) -> None:
+        """Give joints that lack a limit this one, in SI units; 0 leaves it missing."""
+        if value == 0.0:
+            return
+        complete = np.nan_to_num(getattr(self.machine.limits, name), nan=value).tolist()
+        limits = machine.setdefault("limits", {})
+        limits[name] = dict(zip(self.machine.joint_names, complete, strict=True))
+
 
 def subject_of_scenario(name_or_path: str | Path) -> Subject:
     """Subject of a scenario file, or of a shipped scenario by name.
 
     Raises:
-        ScenarioError: There is no such scenario, or it is damaged.
-        MachineError: Its machine or ground cannot be used.
+        ScenarioError: There is no such scenario, it is damaged, or its machine or ground cannot be
+            used.
     """
     content, path = read_content(name_or_path)
-    return _subject(content, path, moves=True)
+    try:
+        return _subject(content, path, moves=True)
+    except ZmpSqpError as cause:
+        raise ScenarioError(f"{path}: {cause}") from cause
 
 
 def subject_of_plan(path: Path) -> Subject:

@@ -74,6 +74,7 @@
   }
 
   function stale(on) {
+    article.setAttribute("aria-busy", String(on)); // what is read out waits for the newest answer
     article.classList.toggle("stale", on);
     within(".badge").hidden = !on;
   }
@@ -102,10 +103,25 @@
     else if (!answer.settled) timer = setTimeout(() => { if (!flight && asked === newest) ask(true); }, answer.state === "searching" ? 0 : SETTLE);
   }
 
+  // What would do in place of a motion that is not safe.
+  async function advise() {
+    const asked = newest, mine = { settle: true, abort: new AbortController() };
+    clearTimeout(timer);
+    flight = mine;
+    within(".advice").textContent = "Looking for a lighter payload or a gentler slope ...";
+    let words;
+    try { const answer = await post("/advice", { values: panel.values }, mine.abort.signal); words = answer.words || ""; }
+    catch (fault) { words = ""; if (flight === mine) within(".times").textContent = `No advice: ${fault.message}`; }
+    if (flight !== mine) return;
+    flight = null;
+    if (asked === newest) within(".advice").innerHTML = words;
+  }
+
   function failed(fault) {
     const lost = fault instanceof TypeError;
     stale(true);
     article.dataset.state = "lost";
+    within(".advice").replaceChildren();
     within(".times").textContent = lost ? "zmp-sqp does not answer: has it been stopped? What is shown is stale." : fault.message;
     if (lost) timer = setTimeout(() => { if (!flight) ask(false); }, RETRY);
   }
@@ -116,6 +132,8 @@
     article.dataset.state = answer.state;
     within(".verdict").className = `verdict ${kind}`;
     within(".words").innerHTML = answer.verdict;
+    within(".advice").replaceChildren();
+    if (answer.state === "unsafe" && fresh) button(within(".advice"), "What would do?", "advise", advise);
     within(".warnings").replaceChildren(...answer.warnings.map((text) => { const item = document.createElement("li"); item.textContent = text; return item; }));
     for (const [part, html] of [[".guarantees", answer.guarantees_table], [".rests-on", answer.rests_on_table], [".inspection", answer.inspection]])
       if (html !== undefined) within(`${part} > div`).innerHTML = html;

@@ -3,7 +3,7 @@
 
 const GROUPS = [
   ["goal", "Goal", ["motion"], true], ["pose", "Pose at rest", ["rest"], true], ["ground", "Slope", ["motion", "rest"], true],
-  ["load", "Payload and margin", ["motion", "rest"], true], ["limits", "Limits, in % of the machine's", ["motion"], true],
+  ["load", "Payload and margin", ["motion", "rest"], true], ["limits", "Limits, in % of the machine's", ["motion"], true], ["missing", "Limits that are missing", ["motion"], true],
   ["base", "Goal of the base", ["motion"], true], ["start", "Start", ["motion"], false],
 ];
 
