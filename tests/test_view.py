@@ -540,9 +540,8 @@ def test_limits_that_are_missing_are_filled_in(tmp_path: Path) -> None:
     urdf = shipped_machines()["forwarder_crane"]
     (tmp_path / "crane.urdf").write_bytes(urdf.read_bytes())  # without its joint_limits.yaml
     path = tmp_path / "crane.toml"
-    session = Session(
-        subject_of_machine({"machine": {"urdf": "crane.urdf"}, "ground": LEVEL}, path)
-    )
+    table = {"urdf": "crane.urdf", "limits": {"acceleration": {"jib": 0.9}}}
+    session = Session(subject_of_machine({"machine": table, "ground": LEVEL}, path))
     assert "missing.acceleration" in session.subject.controls
     assert "limits.acceleration" not in session.subject.controls
     refused = session.plan({}, settle=True)
