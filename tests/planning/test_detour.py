@@ -105,6 +105,23 @@ def test_no_path_is_looked_for_beyond_what_was_asked(tmp_path: Path) -> None:
     assert late.evaluated == 2
 
 
+def test_a_joint_that_cannot_move_does_no_harm(tmp_path: Path) -> None:
+    """Its range from 0.0 to -0.0 is what the limits of mimic joints can leave."""
+    path = tmp_path / "turntable.urdf"
+    path.write_text(TURNTABLE.format(shortest=-1))
+    limits = {
+        "acceleration": 1.0,
+        "position_upper": {"slide": -0.0},
+        "position_lower": {"slide": 0.0},
+    }
+    machine = zs.load_machine(path, support=SUPPORT, limits=limits)
+    poses = StillPoses(task_of(zs.Problem(machine, (0.0, -0.0), (np.pi, -0.0))))
+    assert poses.barrier() is None
+    path_found = poses.path(5000, never)
+    assert path_found is not None
+    assert len(path_found) == 2
+
+
 def test_the_message_says_which_joint_value_is_in_the_way(tmp_path: Path) -> None:
     plan = zs.plan(turntable(tmp_path, 1.4))
     assert plan.status is zs.Status.INFEASIBLE

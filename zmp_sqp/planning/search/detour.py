@@ -15,7 +15,7 @@ from zmp_sqp.planning.search.task import Task
 
 __all__ = ["detour"]
 
-MOST = 150_000  # poses that are looked at for a path: about 0.5 s
+MOST = 250_000  # poses that are looked at for a path: at most 1 s
 PACE = 1.5  # duration of the guess per least duration along its path
 
 

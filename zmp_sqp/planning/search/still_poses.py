@@ -61,7 +61,8 @@ class StillPoses:
         given = [np.abs(bounds.position_lower) < FAR, np.abs(bounds.position_upper) < FAR]
         self.low = np.where(given[0], bounds.position_lower, low - SPREAD)
         self.high = np.where(given[1], bounds.position_upper, high + SPREAD)
-        self.low, self.high = np.minimum(self.low, low), np.maximum(self.high, high)
+        # + 0.0: numpy's generators take an upper end of -0.0 for less than a lower end of 0.0
+        self.low, self.high = np.minimum(self.low, low) + 0.0, np.maximum(self.high, high) + 0.0
         self.range = np.maximum(self.high - self.low, 1e-9)
         self.evaluated = 0  # poses looked at so far
         self._standing: list[Array] = []  # targets of the trees
