@@ -123,12 +123,13 @@ def standing_share(machine: zs.Machine) -> float:
 def random_problems(robot: Robot, count: int) -> Iterator[tuple[int, zs.Problem]]:
     """Seeded problems between random poses in which the robot stands on a random slope.
 
-    They end at the first slope, from the third on, on which it stands in none of the random poses.
+    Slopes on which it stands in none of the random poses are left out; there are none if it stands
+    on none of the first three, and at most three slopes are drawn per problem.
     """
     machine = robot.machine
     if machine is None:
         return
-    seed = 0
+    left = count
     for seed in range(3 * count):
         rng = np.random.default_rng(seed)
         roll, pitch = rng.uniform(-STEEPEST, STEEPEST, 2)
@@ -145,8 +146,8 @@ def random_problems(robot: Robot, count: int) -> Iterator[tuple[int, zs.Problem]
                     intervals=suggested_intervals(machine.size),
                 ),
             )
-            count -= 1
-        if count == 0 or (seed >= 2 and not len(standing)):
+            left -= 1
+        if left == 0 or (seed == 2 and left == count):
             return
 
 
@@ -204,7 +205,8 @@ def _ranges(machine: zs.Machine) -> tuple[np.ndarray, np.ndarray]:
     low, high = machine.limits.position_lower, machine.limits.position_upper
     wide = np.array([RANGES[unit] for unit in machine.joint_units])
     low = np.where(np.abs(low) < NO_LIMIT, low, np.minimum(-wide, high))
-    return low, np.where(np.abs(high) < NO_LIMIT, high, np.maximum(wide, low))
+    high = np.where(np.abs(high) < NO_LIMIT, high, np.maximum(wide, low))
+    return low + 0.0, high + 0.0  # no -0.0, which numpy's generators take for less than 0.0
 
 
 def _srdf(path: Path, whole: zs.Machine) -> Path | None:
