@@ -4,10 +4,10 @@ export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help venv demo browser test oldest check docs bench clean
+.PHONY: help venv demo browser test oldest rewritten check docs bench clean
 
 help:  ## this list
-	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-6s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-9s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 venv: .venv/.installed  ## virtual environment in .venv, with everything that these targets need
 
@@ -37,6 +37,9 @@ oldest: .venv-oldest/.installed  ## the test suite with the oldest releases that
 	$(PYTHON) -m venv --clear .venv-oldest
 	.venv-oldest/bin/python -m pip install --quiet --disable-pip-version-check -c constraints-oldest.txt -e ".[dev,plots,sim]"
 	@touch $@
+
+rewritten: venv  ## tests of planning on the feller-buncher with its root raised, turned (y forward), or both
+	for how in raised y-forward both; do $(BIN)/python -m pytest -n 2 tests/planning --machine $$how || exit 1; done
 
 check: venv  ## linter, formatter, types
 	$(BIN)/ruff check .

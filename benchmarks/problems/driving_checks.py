@@ -79,6 +79,7 @@ def zmp_from_poses(
     """
     machine, surface = scene.load(), Surface(scene, ground)
     model, data = machine.model, machine.model.createData()
+    below = np.array([0.0, 0.0, 0.0 if machine.support is None else machine.support.height])
     bodies = range(1, model.njoints)
 
     shares = (-1.0, -0.5, 0.0, 0.5, 1.0)
@@ -87,7 +88,7 @@ def zmp_from_poses(
 
     def poses_of_bodies(base: Array, q: Array) -> tuple[Any, list[pin.SE3]]:
         root = surface.root(base)
-        q[:7] = pin.SE3ToXYZQUAT(root)
+        q[:7] = pin.SE3ToXYZQUAT(root * pin.SE3(np.eye(3), -below))  # tracks are on the ground
         pin.forwardKinematics(model, data, q)
         return root, [data.oMi[i].copy() for i in bodies]
 

@@ -7,6 +7,8 @@ up to 2e-8 m higher: the polynomials' error is bounded for the moment about the 
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -211,6 +213,22 @@ def test_check_judges_a_motion_the_same(
     margins = [f"{found.margin:.3f}" for found in certificates]
     assert margins[0] == margins[1]
     assert all(margins[0] in text for _, text in told)
+
+
+def test_some_of_the_suite_passes_on_the_rewritten_machine() -> None:
+    """All tests of planning take minutes: `make rewritten`."""
+    files = [f"tests/planning/test_{name}.py" for name in ("paper", "hard_problems")]
+    options = ["-q", "-p", "no:cacheprovider", "--machine", "both"]
+    root = Path(__file__).resolve().parents[2]
+    run = subprocess.run(
+        [sys.executable, "-m", "pytest", *options, *files],
+        cwd=root,
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert run.returncode == 0, run.stdout
+    assert "passed" in run.stdout
 
 
 @pytest.mark.physics

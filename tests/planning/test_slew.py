@@ -168,7 +168,9 @@ def test_the_centre_moves_against_the_base_s_acceleration():
     push = 0.8  # [m/s^2]
     root = np.array([push, 0.0, GRAVITY, 0.0, 0.0, 0.0])
     still = np.zeros_like(pose)
-    moved = zmp_of_wrench(ground_reaction(machine, pose, still, still, root_acceleration=root))
+    wrench = ground_reaction(machine, pose, still, still, root_acceleration=root)
+    assert machine.support is not None
+    moved = zmp_of_wrench(wrench, machine.support.height)
     shift = moved - zs.zmp(machine, pose, still, still, LEVEL)
     np.testing.assert_allclose(shift[0], insight.centre(push) - insight.centre(), atol=ROUNDING)
     assert insight.centre_derivative == pytest.approx(

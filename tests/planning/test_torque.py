@@ -6,7 +6,6 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,6 @@ from zmp_sqp.mechanics.ground import GRAVITY
 from zmp_sqp.planning.proof.certificate import certify_for
 from zmp_sqp.scenario import load_scenario
 
-URDF = Path(__file__).resolve().parents[2] / "urdf"
 GUARD = 1e-5  # of the limits, kept inside them: durations are longer by half of it
 SAMPLING = 2000.0  # [1/s]
 
@@ -46,7 +44,7 @@ class Oracle:
         drive = pin.JointModelComposite()
         for joint in (pin.JointModelPX(), pin.JointModelPY(), pin.JointModelRZ()):
             drive.addJoint(joint)
-        self.model = pin.buildModelFromUrdf(str(URDF / f"{machine}.urdf"), drive)
+        self.model = pin.buildModelFromUrdf(str(zs.shipped_machines()[machine]), drive)
         self.model.gravity = pin.Motion(ground.gravity(), np.zeros(3))
         for body in bodies:
             inertia = np.zeros((3, 3)) if body.inertia is None else np.array(body.inertia)
