@@ -40,6 +40,7 @@ oldest: .venv-oldest/.installed  ## the test suite with the oldest releases that
 
 rewritten: venv  ## tests of planning on the feller-buncher with its root raised, turned (y forward), or both
 	for how in raised y-forward both; do $(BIN)/python -m pytest -n 2 tests/planning --machine $$how || exit 1; done
+	$(BIN)/python -m pytest -n 2 tests/mechanics tests/control tests/test_rigorous.py --machine raised
 
 check: venv  ## linter, formatter, types
 	$(BIN)/ruff check .

@@ -16,6 +16,14 @@ ALWAYS = {
         "recorded to 1e-12 m, and guaranteed margins depend on the root by up to 2e-8 m"
     ),
 }
+WARNS = "asks for the file that a warning points at, which is where load_machine is replaced"
+ROOT = "states a height or the ZMP's plane about the root's own origin"
+ALWAYS |= {
+    "tests/mechanics/test_contacts.py::test_sizes_in_other_units_are_warned_of": WARNS,
+    "tests/mechanics/test_mass_and_inertia.py::test_impossible_inertias_are_one_warning": WARNS,
+    "tests/mechanics/test_urdf.py::test_feller_buncher_stands_on_a_rectangle": ROOT,
+    "tests/mechanics/test_zmp.py::test_zmp_is_the_centroidal_momentum_rate": ROOT,
+}
 DRIVES = "a base drives along the root's x axis, which is this machine's side"
 STATED = "states roll, pitch or the name of an edge in the root's own axes"
 OTHER = "another machine on a slope, which is stated about that machine's axes"
