@@ -170,17 +170,17 @@ def _stands(machine: Machine, report: PoseReport, asked: float) -> str:
         return "<strong>At rest.</strong> There is no support polygon, so no margin is known."
     if not np.isfinite(report.margin):
         return "<strong>Tips over at rest.</strong> The ground would have to pull."
-    edge = escape(report.edge)
+    edge = escape(report.edge if report.edge.startswith("edge") else f"{report.edge} edge")
     away = number(report.margin, length_text(abs(report.margin)))
     if report.margin < 0.0:
         return (
-            f"<strong>Tips over at rest:</strong> the ZMP is {away} outside the {edge} edge "
+            f"<strong>Tips over at rest:</strong> the ZMP is {away} outside the {edge} "
             "of the support polygon."
         )
     short = ""
     if report.margin < asked:
         short = f"; that is {length_text(asked - report.margin)} short of the margin asked for"
-    return f"<strong>Stands at rest:</strong> the ZMP is {away} from the {edge} edge{short}."
+    return f"<strong>Stands at rest:</strong> the ZMP is {away} from the {edge}{short}."
 
 
 def _carries(machine: Machine, report: PoseReport) -> str:

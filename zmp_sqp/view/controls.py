@@ -175,8 +175,7 @@ def _limits(content: Mapping[str, Any], machine: Machine) -> Iterator[Control]:
             yield _control(f"limits.{key}", "limits", label, "%", FACTORS, 1.0, 100.0)
         else:
             unit = {"velocity": "rad/s, m/s", "acceleration": "rad/s\u00b2, m/s\u00b2"}[key]
-            words = f"{label} where the machine gives none"
-            yield _control(f"missing.{key}", "missing", words, unit, MISSING, 0.05, 0.0)
+            yield _control(f"missing.{key}", "missing", label, unit, MISSING, 0.05, 0.0)
     for table in content.get("constraints", ()):
         if table.get("type") == "torque_limits":
             share = 100.0 * float(table.get("share", 1.0))

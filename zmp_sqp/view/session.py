@@ -83,7 +83,7 @@ class Session:
             try:
                 scenario = self._scenario(values)
             except ZmpSqpError as cause:
-                answer = refusal(self._words(cause), self._firmness(values))
+                answer = refusal(self._words(cause) + self._hint(values), self._firmness(values))
                 return self._with_times(answer, began, time.perf_counter() - began, said)
             start = time.perf_counter()
             allowed = self._quick.allowed
@@ -142,7 +142,7 @@ class Session:
                 else:
                     words = diagnose(
                         found, time_budget=ATTEMPT, progress=lambda _: still_wanted()
-                    ).message
+                    ).message.removeprefix(found.message)
             except ZmpSqpError as cause:
                 words = self._words(cause)
             answer = {"state": "advice", "words": f"<p>{escape(words)}</p>"}
@@ -221,6 +221,14 @@ class Session:
     def _words(self, cause: ZmpSqpError) -> str:
         """Message of an error without the path of the scenario."""
         return in_keys(str(cause)).removeprefix(f"{self.subject.path}: ")
+
+    def _hint(self, values: Mapping[str, float]) -> str:
+        """What the page itself can do about limits that are missing; empty if none are."""
+        lacking = any(
+            control.group == "missing" and not values.get(key)
+            for key, control in self.subject.controls.items()
+        )
+        return ". The sliders under 'Limits that are missing' fill them in." if lacking else ""
 
     @contextmanager
     def _turn(self) -> Iterator[tuple[Callable[[], None], list[Any]]]:

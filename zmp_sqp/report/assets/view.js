@@ -68,7 +68,7 @@ class View {
   // Size of all that moves, in the ground frame, and where its middle is.
   measure() {
     const { plan } = this.record, low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
-    const reach = this.record.parts.map((part) => Math.hypot(...(part.size.length ? part.size : [0])));
+    const reach = this.record.parts.map(reachOf);
     const step = Math.max(1, Math.floor(plan.times.length / 40));
     for (let i = 0; i < plan.times.length; i += step) {
       const root = placed(poseOf(plan.root, i));
@@ -242,6 +242,16 @@ function release(mesh) { mesh.traverse((part) => { part.geometry?.dispose(); par
 
 // Material that is seen through the machine.
 function overlay(look) { return new THREE.MeshBasicMaterial({ ...look, depthTest: false, transparent: true }); }
+
+// Distance from the origin of a part to its farthest point; computed once.
+function reachOf(part) {
+  if (part.reach === undefined) {
+    let far = Math.hypot(...part.size);
+    for (let i = 0; part.vertices && i < part.vertices.length; i += 3) far = Math.max(far, Math.hypot(part.vertices[i], part.vertices[i + 1], part.vertices[i + 2]));
+    Object.defineProperty(part, "reach", { value: far }); // not enumerable: saved data stay as they were
+  }
+  return part.reach;
+}
 
 function poseOf(poses, i) { return poses[Math.min(i, poses.length - 1)]; }
 

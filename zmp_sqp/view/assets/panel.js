@@ -2,8 +2,9 @@
 "use strict";
 
 const GROUPS = [
+  ["missing", "Limits that are missing", ["motion"], true],
   ["goal", "Goal", ["motion"], true], ["pose", "Pose at rest", ["rest"], true], ["ground", "Slope", ["motion", "rest"], true],
-  ["load", "Payload and margin", ["motion", "rest"], true], ["limits", "Limits, in % of the machine's", ["motion"], true], ["missing", "Limits that are missing", ["motion"], true],
+  ["load", "Payload and margin", ["motion", "rest"], true], ["limits", "Limits, in % of the machine's", ["motion"], true],
   ["base", "Goal of the base", ["motion"], true], ["start", "Start", ["motion"], false],
 ];
 
