@@ -15,7 +15,7 @@ import pytest
 
 import zmp_sqp as zs
 from tests.test_cli import STRETCHED
-from zmp_sqp.commands.live import LiveLine
+from zmp_sqp.commands.live import LiveLine, Steps
 from zmp_sqp.scenario import load_scenario
 
 pty = pytest.importorskip("pty")
@@ -100,7 +100,7 @@ def test_an_interrupted_diagnosis_leaves_the_plan(scenario: Path, tmp_path: Path
     shown = terminal.read()
     code, printed = terminal.end()
     assert code == 130
-    assert "interrupted before" in printed
+    assert "interrupted, without: a payload or slope" in printed
     assert "still tips the machine over" in printed
     assert "Traceback" not in shown + printed
     result = json.loads((tmp_path / "out" / "plan.json").read_text())
@@ -143,3 +143,77 @@ def test_the_line_has_the_least_violation_of_the_run() -> None:
     assert f"{min(record.violation for record in plan.history):.1e}" in shown[-1]
     line.say("explore: two")
     assert "violation" not in shown[-1]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["check", "PLAN"], ["reading the motion", "proving: 50 intervals"]),
+        (["inspect", "feller_buncher"], ["reading the machine", "poses"]),
+        (["tradeoff", "paper_1", "--count", "2", "--workers", "1"], ["largest margin at rest"]),
+        (
+            ["chart", "feller_buncher", "--payload-frame", "head", "--radii", "4", "5"],
+            ["load chart"],
+        ),
+        (
+            ["envelope", "paper_1", "--x", "ground.roll_deg", "0", "5", "2", "--workers", "1"],
+            ["posing problems", "18/18"],
+        ),
+    ],
+    ids=lambda value: value[0] if isinstance(value, list) else None,
+)
+def test_every_long_command_says_what_it_is_about(
+    arguments: list[str], words: list[str], tmp_path: Path
+) -> None:
+    if "PLAN" in arguments:
+        plan = ["plan", "paper_1", "--no-figures", "--out", str(tmp_path)]
+        subprocess.run(command(*plan), check=True, capture_output=True)
+    given = [str(tmp_path / "plan.json") if word == "PLAN" else word for word in arguments]
+    terminal = Terminal(*given)
+    shown = terminal.read()
+    code, printed = terminal.end()
+    assert code == 0, shown
+    for word in words:
+        assert word in shown
+    assert "\x1b" not in printed  # standard output is a file
+    piped = subprocess.run(command(*given), capture_output=True, text=True, check=True)
+    assert "\x1b" not in piped.stderr
+    for word in words:
+        assert word not in piped.stderr
+
+
+def test_an_interrupted_second_opinion_leaves_the_certificate(tmp_path: Path) -> None:
+    pytest.importorskip("flint")
+    plan = ["plan", "torque", "--no-figures", "--intervals", "200", "--out", str(tmp_path)]
+    subprocess.run(command(*plan), check=True, capture_output=True)
+    path, result = tmp_path / "plan.json", tmp_path / "check.json"
+    before = path.read_bytes()
+    terminal = Terminal("check", str(path), "--rigorous", "--json", str(result))
+    assert "second opinion: stretch" in terminal.read(until="second opinion: stretch")
+    terminal.process.send_signal(signal.SIGINT)
+    shown = terminal.read()
+    code, printed = terminal.end()
+    assert code == 130
+    assert "interrupted, without: second opinion" in printed
+    assert "Safe at all times" in printed
+    assert "Traceback" not in shown + printed
+    found = json.loads(result.read_text(encoding="utf-8"))
+    assert found["safe"] is True
+    assert found["rigorous"] is None
+    assert path.read_bytes() == before
+
+
+def test_steps_after_a_ctrl_c_are_left_out_and_named() -> None:
+    steps, ran = Steps(), []
+
+    def interrupted(_: LiveLine) -> str:
+        raise KeyboardInterrupt
+
+    assert steps.run("one", lambda _: "done", lambda: "not") == "done"
+    assert not steps.interrupted
+    assert list(steps.lines()) == []
+    assert steps.run("two", interrupted, lambda: "not") == "not"
+    assert steps.run("three", lambda _: ran.append("three"), lambda: None) is None
+    assert ran == []
+    assert steps.interrupted
+    assert list(steps.lines()) == ["interrupted, without: two, three"]

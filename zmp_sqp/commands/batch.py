@@ -11,6 +11,7 @@ from typing import Any
 
 from zmp_sqp.commands.console import add_command, make_console
 from zmp_sqp.commands.exit_codes import DONE, INTERRUPTED, UNSAFE
+from zmp_sqp.commands.live import live_line
 from zmp_sqp.commands.study_options import add_study_options, row_of
 from zmp_sqp.errors import ZmpSqpError
 from zmp_sqp.planning import Problem
@@ -123,19 +124,21 @@ def _hash(given: str) -> str:
 def _rows(entries: list[_Entry], arguments: argparse.Namespace) -> Iterator[dict[str, Any]]:
     """Rows of all scenarios: first those that cannot be planned, then plans as they come."""
     found: list[tuple[_Entry, str, Problem]] = []
-    for entry in entries:
-        try:
-            scenario = load_scenario(entry.given)
-        except ZmpSqpError as fault:
-            yield {
-                **_key(entry),
-                "name": Path(entry.given).stem,
-                "success": False,
-                "status": REFUSED,
-                "message": str(fault),
-            }
-        else:
-            found.append((entry, scenario.name, scenario.problem))
+    with live_line("reading scenarios", total=len(entries)) as line:
+        for entry in entries:
+            try:
+                scenario = load_scenario(entry.given)
+            except ZmpSqpError as fault:
+                yield {
+                    **_key(entry),
+                    "name": Path(entry.given).stem,
+                    "success": False,
+                    "status": REFUSED,
+                    "message": str(fault),
+                }
+            else:
+                found.append((entry, scenario.name, scenario.problem))
+            line.say("reading scenarios")
     plans = plan_many(
         [problem for _, _, problem in found],
         as_completed=True,

@@ -28,6 +28,7 @@ from zmp_sqp.commands.console import (
 )
 from zmp_sqp.commands.constraint_options import add_constraint_option, constraints_of
 from zmp_sqp.commands.exit_codes import DONE, INTERRUPTED
+from zmp_sqp.commands.live import live_line
 from zmp_sqp.commands.machine_options import (
     PAYLOAD_ARGUMENTS,
     add_ground_options,
@@ -212,8 +213,8 @@ def run_chart(arguments: argparse.Namespace) -> int:
     question = _question(arguments)
     prepare_folder(arguments.out, CHART_FILES)
     console = make_console(arguments.json, pipe_width=PIPE_WIDTH)
-    with console.status("computing the chart ...") as status:
-        chart = _load_chart(arguments, question, lambda part: status.update(f"{part} ..."))
+    with live_line("load chart") as line:
+        chart = _load_chart(arguments, question, lambda part: line.say(f"load chart: {part}"))
     swing = None if arguments.swing is None else _swing_of(arguments, question, chart)
 
     console.print(f"load chart of {chart.machine.name}", style="bold", soft_wrap=True)
@@ -354,17 +355,13 @@ def _swing_loads(swing: Swing) -> tuple[list[SwingLoad], bool]:
     Returns:
         The loads, and whether there was a Ctrl-C.
     """
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (TextColumn("swings"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
     found: list[SwingLoad] = []
-    with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task("", total=len(swing.ends))
+    total = len(swing.ends)
+    with live_line("swings", total=total) as line:
         try:
             for load in swing.loads():
                 found.append(load)
-                progress.advance(task)
+                line.say("swings")
         except KeyboardInterrupt:
             return found, True
     return found, False

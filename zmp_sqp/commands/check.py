@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +37,8 @@ from zmp_sqp.commands.console import (
     write_json,
 )
 from zmp_sqp.commands.constraint_options import add_constraint_option
-from zmp_sqp.commands.exit_codes import DONE, UNSAFE
+from zmp_sqp.commands.exit_codes import DONE, INTERRUPTED, UNSAFE
+from zmp_sqp.commands.live import LiveLine, Steps, live_line
 from zmp_sqp.commands.machine_options import (
     add_ground_options,
     add_machine_options,
@@ -126,6 +128,9 @@ CHECK_KEYS = f"""\
   versions             of zmp-sqp, Python and the packages that the result depends on
 load_transfer_ratio, force_angle and tip_over_energy ignore the uncertainties.
 """
+
+
+Opinion = Callable[[LiveLine], RigorousCheck | None]  # asks for a second opinion
 
 
 def add_check(commands: Any) -> None:
@@ -220,20 +225,27 @@ def run_check(arguments: argparse.Namespace) -> int:
     check_rigorous_option(arguments)
     if arguments.trajectory is None:  # --scenario or a plan.json in place of URDF
         arguments.urdf, arguments.trajectory = None, arguments.urdf
-    question, path = question_of(arguments), Path(arguments.trajectory)
-    try:
-        read = read_motion(
-            path,
-            question.machine,
-            question.ground,
-            interpolation=arguments.interpolation,
-            degrees=arguments.degrees,
-        )
-    except UnboundedAcceleration as fault:
-        result = _unbounded(question, str(fault), path)
-    else:
-        result = _checked(question, read, arguments)
-        result["hints"] += plan_hint(question.plan, result["margin"], arguments)
+    steps = Steps()
+    with live_line("reading the motion") as line:
+        question, path = question_of(arguments), Path(arguments.trajectory)
+        try:
+            read = read_motion(
+                path,
+                question.machine,
+                question.ground,
+                interpolation=arguments.interpolation,
+                degrees=arguments.degrees,
+            )
+        except UnboundedAcceleration as fault:
+            result, ask = _unbounded(question, str(fault), path), None
+        else:
+            line.say(f"proving: {read.trajectory.intervals} intervals")
+            result, ask = _checked(question, read, arguments)
+            result["hints"] += plan_hint(question.plan, result["margin"], arguments)
+    opinion = None
+    if ask is not None:
+        opinion = steps.run("second opinion", ask, lambda: None)
+        result["rigorous"] = None if opinion is None else rigorous_fields(opinion)
     console = make_console(arguments.json)
     console.print(f"{path}: {question.machine.name}", style="bold", soft_wrap=True)
     if result["duration"] is not None:
@@ -242,7 +254,7 @@ def run_check(arguments: argparse.Namespace) -> int:
     console.print(basis_table(result.pop("basis")))
     for hint in result["hints"]:
         console.print(f"Hint: {hint}", style="yellow", soft_wrap=True)
-    opinion, safe = result.pop("opinion", None), result["safe"]
+    safe = result["safe"]
     console.print(verdict(result), style=None if safe else "bold red", soft_wrap=True)
     if opinion is not None:
         safe = safe and opinion.confirmed
@@ -250,13 +262,16 @@ def run_check(arguments: argparse.Namespace) -> int:
         console.print(rigorous_line(opinion), soft_wrap=True)
         print_lines(console, add_opinion(question.plan, result["rigorous"], arguments))
     write_json(to_json(result), arguments.json, console)
+    print_lines(console, steps.lines())
+    if steps.interrupted:
+        return INTERRUPTED
     return DONE if safe else UNSAFE
 
 
 def _checked(
     question: Question, read: RecordedMotion, arguments: argparse.Namespace
-) -> dict[str, Any]:
-    """Object that `--json` writes, with its basis under "basis"."""
+) -> tuple[dict[str, Any], Opinion | None]:
+    """Object that `--json` writes, with its basis under "basis"; and what asks a second opinion."""
     machine, trajectory = question.machine, read.trajectory
     base = question.with_base_of(trajectory, arguments.base_limits)
     allowance = limit_allowance(read, machine, checked_share(arguments.limit_tolerance))
@@ -269,7 +284,10 @@ def _checked(
         coordinates=question.coordinates,
         limit_allowance=allowance,
     )
-    opinion = _opinion(question, trajectory, found, base, allowance) if arguments.rigorous else None
+
+    def opinion(line: LiveLine) -> RigorousCheck | None:
+        return _opinion(question, trajectory, found, base, allowance, line)
+
     ends, faults = boundary_faults(question, read, arguments)
     peaks = limit_peaks(machine, trajectory, allowance)
     basis = question.basis(
@@ -278,7 +296,7 @@ def _checked(
     bounded = trajectory.base is None or base is not None
     edge = "" if machine.support is None else machine.support.edge_name(found.edge)
     faults = certificate_faults(found, edge, peaks) + faults
-    return {
+    result = {
         "safe": not faults,
         "margin": finite(found.margin),
         "required": found.required,
@@ -293,8 +311,7 @@ def _checked(
         "gap": found.gap if bounded else None,
         **_measures(machine, trajectory, question.ground),
         "guarantees": guarantee_fields(found.guarantees),
-        "rigorous": None if opinion is None else rigorous_fields(opinion),
-        "opinion": opinion,
+        "rigorous": None,
         "limits": limit_fields(peaks),
         "motion": motion_fields(read),
         "hints": hints_on(read.samples, trajectory, machine, degrees=arguments.degrees)
@@ -303,6 +320,7 @@ def _checked(
         "versions": installed_versions(),
         "basis": basis,
     }
+    return result, opinion if arguments.rigorous else None
 
 
 def _opinion(
@@ -311,6 +329,7 @@ def _opinion(
     found: Certificate,
     base: UnicycleBase | None,
     allowance: Array | None,
+    line: LiveLine,
 ) -> RigorousCheck:
     """Second opinion on what a certificate guarantees."""
     return check_rigorously(
@@ -322,6 +341,7 @@ def _opinion(
         constraints=question.constraints,
         corners=question.corners,
         limit_allowance=allowance,
+        progress=lambda count: line.say(f"second opinion: stretch {count}"),
     )
 
 

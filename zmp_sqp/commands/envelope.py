@@ -19,6 +19,7 @@ from zmp_sqp.commands.console import (
     write_json,
 )
 from zmp_sqp.commands.exit_codes import DONE, INTERRUPTED, UNSAFE
+from zmp_sqp.commands.live import live_line
 from zmp_sqp.commands.study_options import (
     Case,
     Study,
@@ -110,7 +111,12 @@ def run_envelope(arguments: argparse.Namespace) -> int:
         return scenario_of(varied(content, values, joints), path).problem
 
     pairs = [{x: float(a), y: float(b)} for b in ys for a in xs]
-    study = run_study([_case(problem_at, pair) for pair in pairs], arguments)
+    cases = []
+    with live_line("posing problems", total=len(pairs)) as line:
+        for pair in pairs:
+            cases.append(_case(problem_at, pair))
+            line.say("posing problems")
+    study = run_study(cases, arguments)
     console = make_console(arguments.json)
     console.print(f"{scenario.name}: {scenario.title}", style="bold", soft_wrap=True)
     console.print(envelope_table(study.rows, x, y))

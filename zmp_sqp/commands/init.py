@@ -13,6 +13,7 @@ import numpy as np
 
 from zmp_sqp.commands.console import add_command, make_console, print_lines
 from zmp_sqp.commands.exit_codes import DONE, UNSAFE
+from zmp_sqp.commands.live import live_line
 from zmp_sqp.commands.machine_options import (
     add_machine_options,
     add_payload_options,
@@ -82,13 +83,15 @@ def add_init(commands: Any) -> None:
 
 def run_init(arguments: argparse.Namespace) -> int:
     """Choose a motion, write and check both files, say what is missing; returns the exit code."""
-    machine = machine_of(arguments)
+    with live_line("reading the machine"):
+        machine = machine_of(arguments)
     ground = Slope(roll=np.radians(arguments.roll), pitch=np.radians(arguments.pitch))
     stem = Path(arguments.urdf).stem
     scenario, limits = arguments.out / f"{stem}.toml", arguments.out / LIMITS_FILE
     _refuse_to_replace((scenario, limits), force=arguments.force)
-    starter = find_starter(machine, ground)
-    _check(machine, ground, starter)
+    with live_line("looking for a first motion"):
+        starter = find_starter(machine, ground)
+        _check(machine, ground, starter)
     arguments.out.mkdir(parents=True, exist_ok=True)
     tables = {
         "machine": _relative(machine_table(arguments), arguments.out),

@@ -23,6 +23,7 @@ from zmp_sqp.commands.console import (
     write_json,
 )
 from zmp_sqp.commands.exit_codes import DONE
+from zmp_sqp.commands.live import live_line
 from zmp_sqp.commands.machine_options import (
     add_machine_options,
     add_payload_options,
@@ -106,14 +107,15 @@ def add_inspect(commands: Any) -> None:
 
 def run_inspect(arguments: argparse.Namespace) -> int:
     """Load, describe, print and write; returns the exit code."""
-    with warnings.catch_warnings(record=True) as caught:
+    with live_line("reading the machine"), warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         loaded = machine_of(arguments)
     ground = Slope(roll=np.radians(arguments.roll), pitch=np.radians(arguments.pitch))
     tip, offset = arguments.tip, None
     if tip is None and arguments.payload is not None:
         tip, offset = arguments.payload_frame, arguments.payload_com
-    found = inspect(loaded, ground, tip=tip, tip_offset=offset)
+    with live_line("poses"):
+        found = inspect(loaded, ground, tip=tip, tip_offset=offset)
     drawn = _drawn(found, arguments.pose)
     prepare_folder(arguments.out, INSPECT_FILES)
     path = _path(arguments.urdf)

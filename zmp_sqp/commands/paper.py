@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,8 @@ from zmp_sqp.commands.console import (
     without_matplotlib,
     write_json,
 )
-from zmp_sqp.commands.exit_codes import DONE, UNSAFE
+from zmp_sqp.commands.exit_codes import DONE, INTERRUPTED, UNSAFE
+from zmp_sqp.commands.live import live_line
 from zmp_sqp.paper.driving import driving_failures, run_driving
 from zmp_sqp.paper.figures import FIGURES, draw_figures
 from zmp_sqp.paper.ladder import RUNGS, ladder
@@ -54,6 +54,7 @@ PAPER_KEYS = """\
   ladder    per payload, boom_deg, reach and model: numbers of the planner; status "refused" if
             the problem is invalid, as for a machine that tips over at rest
   failures  sentences about motions that are unsafe or slower than the paper's
+  interrupted  whether Ctrl-C has ended the ladder early
   versions  of zmp-sqp, Python and the packages that the result depends on
   time      [s] wall time
   time_in_F CPU time in units of 100 calls of Pinocchio's computeRNEADerivatives; F is the CPU
@@ -136,11 +137,16 @@ def paper_result(
         "slews": run_slews(),
         "ladder": [],
     }
-    for payload, boom in rungs:
-        step(f"ladder, {payload / 1e3:g} t at {boom:g} degrees")
-        result["ladder"] += ladder(((payload, boom),))
+    interrupted = False
+    try:
+        for payload, boom in rungs:
+            step(f"ladder, {payload / 1e3:g} t at {boom:g} degrees")
+            result["ladder"] += ladder(((payload, boom),))
+    except KeyboardInterrupt:  # the rest is done
+        interrupted = True
     broken = failures(result) + driving_failures(driving)
-    return result | {"failures": broken, "versions": installed_versions()}, motions
+    result |= {"failures": broken, "versions": installed_versions(), "interrupted": interrupted}
+    return result, motions
 
 
 def run_paper(arguments: argparse.Namespace) -> int:
@@ -148,9 +154,9 @@ def run_paper(arguments: argparse.Namespace) -> int:
     out = arguments.out
     prepare_folder(out, PAPER_FILES)
     rungs = RUNGS if arguments.ladder else ()
-    with _progress(total=STEPS + len(rungs)) as step:
+    with live_line(total=STEPS + len(rungs)) as line:
         result, motions = paper_result(
-            qp_solver=arguments.qp_solver, repeats=arguments.repeats, rungs=rungs, step=step
+            qp_solver=arguments.qp_solver, repeats=arguments.repeats, rungs=rungs, step=line.say
         )
 
     console = make_console(arguments.json, pipe_width=PIPE_WIDTH)
@@ -164,28 +170,10 @@ def run_paper(arguments: argparse.Namespace) -> int:
         drawn = motions if arguments.figures else {}
         print_lines(console, _write(out, "\n".join(map(markdown, tables)), text, drawn))
     write_json(text, arguments.json, console)
+    if result["interrupted"]:
+        console.print("interrupted: the rest of the ladder is missing")
+        return INTERRUPTED
     return UNSAFE if result["failures"] else DONE
-
-
-@contextmanager
-def _progress(*, total: int) -> Iterator[Callable[[str], None]]:
-    """Progress bar on standard error; yields the function that begins a step of the given name."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    screen = Console(stderr=True)
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-    )
-    with Progress(
-        *columns, console=screen, transient=True, disable=not screen.is_terminal
-    ) as progress:
-        # the first step completes nothing
-        task = progress.add_task("", total=total, completed=-1)
-        yield lambda name: progress.update(task, advance=1, description=name)
 
 
 def _write(folder: Path, tables: str, text: str, motions: Mapping[str, Motions]) -> Iterator[str]:

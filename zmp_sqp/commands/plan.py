@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from zmp_sqp.commands.console import (
     add_command,
@@ -23,19 +22,22 @@ from zmp_sqp.commands.console import (
 )
 from zmp_sqp.commands.exit_codes import DONE, INTERRUPTED, UNSAFE
 from zmp_sqp.commands.export_option import add_export_option, check_exports, write_exports
-from zmp_sqp.commands.live import live_line
+from zmp_sqp.commands.live import Steps, live_line
+from zmp_sqp.commands.plan_steps import (
+    diagnosis_of_plan,
+    opinion_of_plan,
+    phase_plane_of,
+    record_of_plan,
+)
 from zmp_sqp.commands.report import add_html_option, check_html, write_report
 from zmp_sqp.commands.rigorous_option import (
     add_rigorous_option,
     check_rigorous_option,
-    margin_to_confirm,
 )
-from zmp_sqp.planning import Plan, Problem, Trajectory, diagnose, phase_plane, plan
+from zmp_sqp.planning import Plan, Trajectory, plan
 from zmp_sqp.planning.problem.checks import AUTO
 from zmp_sqp.plots import locus, profiles, save
-from zmp_sqp.report.blind_drive import blind_drive
-from zmp_sqp.report.record import RECORD_KEYS, make_record
-from zmp_sqp.rigorous import RigorousCheck, check_rigorously
+from zmp_sqp.report.record import RECORD_KEYS
 from zmp_sqp.scenario import load_scenario
 from zmp_sqp.scenario.path_constraints import kinds_in_words
 from zmp_sqp.show.basis import Basis, basis_table
@@ -54,6 +56,7 @@ __all__ = ["PLAN_FILES", "add_plan", "run_plan"]
 
 # files of `--out`
 PLAN_FILES = ("plan.json", "trajectory.csv", "trajectory.json", "zmp.png", "joints.png")
+DIAGNOSIS = "a payload or slope with which there is a motion"
 DESCRIPTION = """\
 Plan the fastest motion of a scenario that is proven not to tip the machine over, and print its
 duration, margins, and what the verdict rests on. With --out write trajectory and figures.
@@ -178,11 +181,8 @@ def run_plan(arguments: argparse.Namespace) -> int:
     """Plan, print and write; returns the exit code."""
     check_rigorous_option(arguments)
     scenario = load_scenario(arguments.scenario)
-    overrides = {
-        key: value
-        for key in ("intervals", "margin")
-        if (value := getattr(arguments, key)) is not None
-    }
+    given = {key: getattr(arguments, key) for key in ("intervals", "margin")}
+    overrides = {key: value for key, value in given.items() if value is not None}
     problem = replace(scenario.problem, **overrides)
     prepare_folder(arguments.out, PLAN_FILES)
     check_html(arguments.html)
@@ -195,10 +195,10 @@ def run_plan(arguments: argparse.Namespace) -> int:
             progress=line.count,
             announce=line.say,
         )
-    baseline = _baseline(problem)
-    result = make_result(scenario, found, baseline)
-    blind = _blind_drive(found, arguments) if problem.base is not None else baseline
-    result |= make_record(scenario, found, blind, simulate=arguments.html is not None)
+    steps, baseline = Steps(), phase_plane_of(problem)
+    fields = partial(make_result, scenario, found)
+    result = steps.run("baseline", lambda _: fields(baseline), lambda: fields(None))
+    result |= record_of_plan(steps, scenario, found, baseline, arguments)
     console = make_console(arguments.json)
     console.print(f"{scenario.name}: {scenario.title}", style="bold", soft_wrap=True)
     if arguments.verbose:
@@ -208,14 +208,13 @@ def run_plan(arguments: argparse.Namespace) -> int:
     console.print(guarantee_table(result["guarantees"]))
     if found.success:
         console.print(joint_table(result, joint_unit(problem.machine)))
-    interrupted = False
     if arguments.diagnosis and not found.success:
-        try:
-            result |= _diagnosis(found)
-        except KeyboardInterrupt:  # the plan itself is done
-            interrupted = True
-            console.print("interrupted before a payload or slope was found that would do")
-    opinion = _opinion(found) if arguments.rigorous and found.success else None
+        result |= steps.run(DIAGNOSIS, lambda line: diagnosis_of_plan(found, line), dict)
+    opinion = None
+    if arguments.rigorous and found.success:
+        opinion = steps.run(
+            "second opinion", lambda line: opinion_of_plan(found, line), lambda: None
+        )
     if opinion is not None:
         result["rigorous"] = rigorous_fields(opinion)
         console.print(rigorous_table(opinion))
@@ -223,75 +222,23 @@ def run_plan(arguments: argparse.Namespace) -> int:
     console.print(basis_table(Basis.of_problem(problem)))
     console.print(result["message"], style=None if found.success else "bold red", soft_wrap=True)
     if arguments.out is not None:
-        lines = _write(arguments.out, found, baseline, result, figures=arguments.figures)
-        print_lines(console, lines)
+        print_lines(console, _write(arguments.out, found, result))
+        if arguments.figures and found.success:
+            print_lines(console, _drawn(steps, arguments.out, found, baseline))
     if arguments.html is not None:
         print_lines(console, [write_report(arguments.html, [result])])
     if found.success:
         print_lines(console, write_exports(arguments.exports, found.trajectory))
     write_json(to_json(result), arguments.json, console)
-    if interrupted:
+    print_lines(console, steps.lines())
+    if steps.interrupted:
         return INTERRUPTED
     confirmed = opinion is None or opinion.confirmed
     return DONE if found.success and confirmed else UNSAFE
 
 
-def _opinion(found: Plan) -> RigorousCheck:
-    """Second opinion on a plan's guarantees, its guaranteed margin among them."""
-    problem = found.problem
-    return check_rigorously(
-        problem.machine,
-        found.trajectory,
-        problem.ground,
-        margin_to_confirm(found.certificate.margin, problem.margin),
-        base=problem.base,
-        constraints=problem.own_constraints,
-        corners=problem.corners(every=True),
-    )
-
-
-def _baseline(problem: Problem) -> Trajectory | None:
-    """Phase-plane baseline, which ignores the ZMP; None if base, start or goal is in motion."""
-    if problem.base is not None or np.any(problem.start_velocity) or np.any(problem.goal_velocity):
-        return None
-    return phase_plane(problem.machine, problem.start, problem.goal)
-
-
-def _blind_drive(found: Plan, arguments: argparse.Namespace) -> Trajectory | None:
-    """Stability-blind motion of a base that drives, where there is a file to show it."""
-    if not (found.attempt and (arguments.html or arguments.out or arguments.json)):
-        return None
-    with live_line() as line:
-        return blind_drive(
-            found.problem,
-            qp_solver=found.qp_solver,
-            time_budget=arguments.time_budget,
-            announce=lambda words: line.say(f"stability-blind motion, {words}"),
-        )
-
-
-def _diagnosis(found: Plan) -> dict[str, Any]:
-    """Entries `diagnosis` and `message` of the result, for a plan without a motion."""
-    with live_line() as line:
-        diagnosis = diagnose(found, progress=lambda words: line.say(f"diagnose: trying {words}"))
-    return {
-        "diagnosis": {
-            "largest_payload": diagnosis.largest_payload,
-            "steepest_slope": diagnosis.steepest_slope,
-        },
-        "message": diagnosis.message,
-    }
-
-
-def _write(
-    folder: Path,
-    found: Plan,
-    baseline: Trajectory | None,
-    result: Mapping[str, Any],
-    *,
-    figures: bool,
-) -> Iterator[str]:
-    """Write the files of `--out` one by one; yields a line about each."""
+def _write(folder: Path, found: Plan, result: Mapping[str, Any]) -> Iterator[str]:
+    """Write the numbers of `--out` one by one; yields a line about each."""
     (folder / "plan.json").write_text(to_json(result), encoding="utf-8")
     yield f"wrote {folder / 'plan.json'}"
     if not found.success:
@@ -300,8 +247,14 @@ def _write(
     yield f"wrote {folder / 'trajectory.csv'}"
     found.trajectory.to_json(folder / "trajectory.json")
     yield f"wrote {folder / 'trajectory.json'}"
-    if figures:
-        yield from without_matplotlib(_draw(folder, found, baseline))
+
+
+def _drawn(steps: Steps, folder: Path, found: Plan, baseline: Trajectory | None) -> Sequence[str]:
+    """Lines about the figures of `--out`, as far as they were drawn before a Ctrl-C."""
+    lines: list[str] = []
+    drawing = without_matplotlib(_draw(folder, found, baseline))
+    steps.run("figures", lambda _: lines.extend(drawing), lambda: None)
+    return lines
 
 
 def _draw(folder: Path, found: Plan, baseline: Trajectory | None) -> Iterator[str]:

@@ -6,6 +6,7 @@ import argparse
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -22,8 +23,8 @@ from zmp_sqp.commands.console import (
     to_json,
     write_json,
 )
-from zmp_sqp.commands.exit_codes import DONE, UNSAFE
-from zmp_sqp.commands.live import live_line
+from zmp_sqp.commands.exit_codes import DONE, INTERRUPTED, UNSAFE
+from zmp_sqp.commands.live import LiveLine, Steps, live_line
 from zmp_sqp.errors import MissingExtra, ScenarioError, TrajectoryError
 from zmp_sqp.motion.reading import SUFFIXES, read_motion
 from zmp_sqp.planning import Problem, Trajectory, phase_plane, plan
@@ -156,19 +157,27 @@ def run_replay(arguments: argparse.Namespace) -> int:
     )
     problem = scenario.problem
     prepare_folder(arguments.out, REPLAY_FILES)
-    replays = {}
-    with live_line() as line:
-        for name, motion in motions.items():
-            line.say(f"simulate: {name}")
-            replays[name] = replay(
-                problem.machine, motion, problem.ground, time_step=arguments.time_step
-            )
+    steps = Steps()
+    replays: dict[str, Replay] = {}
+    fields: dict[str, Any] = {}
+
+    def simulate(name: str, _: LiveLine) -> None:
+        found = replay(
+            problem.machine, motions[name], problem.ground, time_step=arguments.time_step
+        )
+        fields[name] = replay_result(problem, found)
+        replays[name] = found
+
+    for name in motions:
+        steps.run(f"simulation: {name}", partial(simulate, name), lambda: None)
+    if not replays:
+        return INTERRUPTED
     basis = Basis.of_problem(problem, [*reading, SIMULATED.format(arguments.time_step)])
     result: dict[str, Any] = {
         "scenario": scenario.name,
         "title": scenario.title,
         "message": message,
-        "motions": {name: replay_result(problem, found) for name, found in replays.items()},
+        "motions": fields,
         "rests_on": basis_fields(basis),
         "versions": installed_versions("mujoco"),
     }
@@ -183,8 +192,14 @@ def run_replay(arguments: argparse.Namespace) -> int:
         (out / REPLAY_FILES[0]).write_text(text, encoding="utf-8")
         print_lines(console, [f"wrote {out / REPLAY_FILES[0]}"])
         if arguments.pictures:
-            print_lines(console, _draw(replays, out, video=arguments.video))
+            lines: list[str] = []
+            drawing = _draw(replays, out, video=arguments.video)
+            steps.run("pictures", lambda _: lines.extend(drawing), lambda: None)
+            print_lines(console, lines)
     write_json(text, arguments.json, console)
+    print_lines(console, steps.lines())
+    if steps.interrupted:
+        return INTERRUPTED
     first = next(iter(replays.values()))
     return UNSAFE if message is not None or first.tipped else DONE
 

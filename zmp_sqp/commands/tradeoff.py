@@ -21,6 +21,7 @@ from zmp_sqp.commands.console import (
     write_json,
 )
 from zmp_sqp.commands.exit_codes import DONE, INTERRUPTED, UNSAFE
+from zmp_sqp.commands.live import live_line
 from zmp_sqp.commands.study_options import (
     Case,
     add_result_options,
@@ -94,7 +95,8 @@ def run_tradeoff(arguments: argparse.Namespace) -> int:
     """Plan, print and write; returns the exit code."""
     scenario = load_scenario(arguments.scenario)
     problem = replace(scenario.problem, margin=0.0)
-    largest = _largest(problem) if arguments.largest is None else arguments.largest
+    with live_line("largest margin at rest"):
+        largest = _largest(problem) if arguments.largest is None else arguments.largest
     if not (np.isfinite(largest) and largest >= 0.0):
         raise ProblemError(f"the largest margin must be at least 0 m, not {largest:g} m")
     prepare_folder(arguments.out, TRADEOFF_FILES)

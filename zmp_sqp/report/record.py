@@ -23,6 +23,7 @@ from zmp_sqp.simulation import replay
 
 __all__ = [
     "RECORD_KEYS",
+    "bare_record",
     "body_poses",
     "ground_fields",
     "make_record",
@@ -59,18 +60,29 @@ def make_record(
         baseline: Stability-blind motion between the plan's start and goal; None if there is none.
         simulate: Whether to simulate how that motion tips the machine over, if MuJoCo is installed.
     """
+    motion = found.attempt
+    record = motion and _record(scenario, found.problem, motion, baseline)
+    if record and baseline and simulate:
+        record["blind"]["fall"] = _fall(found.problem, baseline)
+    return bare_record(scenario, found) | {"record": record}
+
+
+def bare_record(scenario: Scenario, found: Plan) -> dict[str, Any]:
+    """Entries `RECORD_KEYS` with the scenario and the motion alone.
+
+    Args:
+        scenario: Where the plan's problem comes from.
+        found: The plan.
+    """
     try:
         text = scenario.path.read_text(encoding="utf-8")
     except OSError:
         text = ""
-    motion, nodes = found.attempt, None
+    nodes = None
     if found.success:
         safe = found.trajectory
         nodes = json_content(safe.joint_names, safe.times, safe.node_rows(), safe.base)
-    record = motion and _record(scenario, found.problem, motion, baseline)
-    if record and baseline and simulate:
-        record["blind"]["fall"] = _fall(found.problem, baseline)
-    return {"scenario_text": text, "trajectory": nodes, "record": record}
+    return {"scenario_text": text, "trajectory": nodes, "record": None}
 
 
 def _record(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import inf, isfinite
 from typing import Any
 
@@ -59,6 +59,7 @@ def check_rigorously(
     constraints: Sequence[PathConstraint] = (),
     corners: Sequence[Corner] | None = None,
     limit_allowance: Array | None = None,
+    progress: Callable[[int], None] | None = None,
 ) -> RigorousCheck:
     r"""Decide anew, in ball arithmetic, whether a motion keeps its guarantees at all times.
 
@@ -68,7 +69,6 @@ def check_rigorously(
     linear and angular momentum less the weights. All arithmetic is on balls with outward rounding
     (FLINT's Arb), so that neither "confirmed" nor "refuted" rests on floating point. Stretches are
     halved until every guarantee is decided and the least margin is enclosed within 1e-6 m.
-
     Placements, axes, masses and inertias count as exact, rotation matrices to a float's digits.
     "continuity" states that positions and rates jump by at most 1e-6 at the nodes. Limits of joints
     and base have the certificate's tolerances.
@@ -82,6 +82,7 @@ def check_rigorously(
         constraints: Constraints beside these; `TorqueLimits` are decided, others not looked at.
         corners: Payloads and slopes in place of machine and ground alone, see `Problem.corners`.
         limit_allowance: Excess over joint limits that counts as kept, (4, n), see `certify_at`.
+        progress: Called after every stretch of time with the number of those evaluated.
 
     Raises:
         MissingExtra: python-flint is not installed.
@@ -92,14 +93,13 @@ def check_rigorously(
     _check(machine, trajectory, ground)
     margin = finite_number(margin, name="margin", error=ProblemError)
     every = tuple(corners) if corners else (Corner(machine, ground),)
-    limited = [one for one in constraints if isinstance(one, TorqueLimits)]
-    torque = min(limited, key=lambda one: one.share, default=None)  # the others follow from it
-    others = [one for one in constraints if not isinstance(one, TorqueLimits)]
+    torque, others = _by_kind(constraints)
     stretches = [Stretch(k, 0.0, 1.0) for k in range(trajectory.intervals)]
     with working(LONGEST) as flint:
         motion = MotionSeries(flint, trajectory)
         root = _root(flint, every[0], trajectory, motion)
-        found, count = _efforts(flint, every, trajectory, motion, root, torque, margin, stretches)
+        wrench = flint, every, trajectory, motion, root, torque, margin, stretches, progress
+        found, count = _efforts(*wrench)
         rows = with_allowance(joint_limits(machine), limit_allowance)
         limits = PolynomialLimits(flint, motion, motion.joints, rows)
         found.append(_limits("joint_limits", limits, stretches))
@@ -109,6 +109,15 @@ def check_rigorously(
             found.append(_continuity(flint, trajectory, motion, root))
     found += [_unseen(one.name, "", NOT_KNOWN) for one in others]
     return RigorousCheck(tuple(found), count)
+
+
+def _by_kind(
+    constraints: Sequence[PathConstraint],
+) -> tuple[TorqueLimits | None, list[PathConstraint]]:
+    """The strictest torque limits, from which the others follow, and constraints of other kinds."""
+    limited = (one for one in constraints if isinstance(one, TorqueLimits))
+    others = [one for one in constraints if not isinstance(one, TorqueLimits)]
+    return min(limited, key=lambda one: one.share, default=None), others
 
 
 def _check(machine: Any, trajectory: Any, ground: Any) -> None:
@@ -154,6 +163,7 @@ def _efforts(
     torque: TorqueLimits | None,
     margin: float,
     stretches: Sequence[Stretch],
+    progress: Callable[[int], None] | None,
 ) -> tuple[list[RigorousGuarantee], int]:
     """Guarantees of tip-over, contact and torque limits, and the number of stretches."""
     machine = corners[0].machine
@@ -178,7 +188,7 @@ def _efforts(
         labels.append([f"{joint} {kind}" for joint, kind in pairs] * 2)
         units.append(["of the limit"] * len(labels[-1]))
     evaluate = EffortBalls(flint, corners, trajectory, motion, root, torques)
-    least, count = decide(stretches, evaluate, asked)
+    least, count = decide(stretches, evaluate, asked, progress)
     found = [
         _guarantee(
             name, label[one.row], unit[one.row], what.required, one, corners[one.corner].text

@@ -57,6 +57,7 @@ def decide(
     stretches: Sequence[Stretch],
     evaluate: Callable[[Stretch], Sequence[Bound]],
     asked: Sequence[Asked],
+    progress: Callable[[int], None] | None = None,
 ) -> tuple[list[Enclosure], int]:
     """Enclosures of the least rooms, and the number of stretches that were evaluated.
 
@@ -67,16 +68,19 @@ def decide(
         stretches: Stretches that cover all times.
         evaluate: Bounds of every guarantee on a stretch.
         asked: What is asked of every guarantee.
+        progress: Called after every stretch with the number of those evaluated.
     """
     most = MOST_PER_INTERVAL * len(stretches) + MOST_BESIDE
     count, waiting = 0, list(stretches)
     leaves: list[tuple[Stretch, Sequence[Bound]]] = []
     best: list[Bound] = [Bound(inf, inf, inf, 0.0, 0)] * len(asked)
     while waiting:
-        for stretch in waiting:
+        for number, stretch in enumerate(waiting, count + 1):
             bounds = evaluate(stretch)
             leaves.append((stretch, bounds))
             best = [min(one, other, key=_upper) for one, other in zip(best, bounds, strict=True)]
+            if progress is not None:
+                progress(number)
         count += len(waiting)
         reachable = [min(part[1][i].reachable for part in leaves) for i in range(len(asked))]
         waiting, kept = [], []
