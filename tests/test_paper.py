@@ -225,3 +225,29 @@ def test_the_pages_tables_are_those_of_the_benchmark() -> None:
     from benchmarks.paper import PAGE, RESULTS, page_tables
 
     assert page_tables(json.loads(RESULTS.read_text())) in PAGE.read_text(encoding="utf-8")
+
+
+def test_a_ctrl_c_in_the_ladder_leaves_the_rest(
+    result: dict[str, Any], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("run_test", "run_driving", "run_slews"):
+        monkeypatch.setattr(paper_command, name, lambda *_, **__: None)
+    monkeypatch.setattr(paper_command, "TESTS", {})
+    monkeypatch.setattr(paper_command, "failures", lambda _: [])
+    monkeypatch.setattr(paper_command, "driving_failures", lambda _: [])
+    done: list[Any] = []
+
+    def rung(rungs: Any) -> list[Any]:
+        if done:
+            raise KeyboardInterrupt
+        done.extend(rungs)
+        return [rungs[0]]
+
+    monkeypatch.setattr(paper_command, "ladder", rung)
+    found, _ = paper_command.paper_result(rungs=((0.0, -30.0), (1e3, -30.0)))
+    assert found["interrupted"]
+    assert found["ladder"] == [(0.0, -30.0)]
+    partial = result | {"interrupted": True}
+    monkeypatch.setattr(paper_command, "paper_result", lambda **_: (partial, {}))
+    assert cli.main(["paper", "--no-figures"]) == 130
+    assert "interrupted: the rest of the ladder is missing" in capsys.readouterr().out

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -163,3 +164,25 @@ def test_help_says_that_a_base_has_to_stand(capsys: pytest.CaptureFixture[str]) 
     with pytest.raises(SystemExit):
         cli.main(["replay", "--help"])
     assert "plans whose base drives cannot be replayed" in " ".join(capsys.readouterr().out.split())
+
+
+def test_a_ctrl_c_leaves_the_simulations_that_are_done(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    import zmp_sqp.commands.replay as command
+
+    simulate, calls = command.replay, []
+
+    def once(*arguments: Any, **options: Any) -> Any:
+        calls.append(arguments)
+        if len(calls) > 1:
+            raise KeyboardInterrupt
+        return simulate(*arguments, **options)
+
+    monkeypatch.setattr(command, "replay", once)
+    out = tmp_path / "out"
+    assert cli.main(["replay", "paper_1", "--out", str(out)]) == 130
+    assert "interrupted, without: simulation: phase plane, pictures" in capsys.readouterr().out
+    found = json.loads((out / "replay.json").read_text(encoding="utf-8"))
+    assert list(found["motions"]) == ["planned"]
+    assert not found["motions"]["planned"]["tipped"]
