@@ -12,4 +12,5 @@ exit codes:
   1  no motion was found, or the motion is unsafe; a message says why
   2  bad input, or a start or goal at which the machine tips over, misses the margin or breaks a
      limit at rest; one sentence on standard error says which
+130  ended by Ctrl-C; what was done until then is kept
 """
