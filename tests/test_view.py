@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -612,6 +613,23 @@ def test_a_port_that_is_taken_is_said(
     port = str(server.server_port)
     assert cli.main(["view", "paper_1", "--no-browser", "--port", port]) == 2
     assert f"--port {port}: Address already in use" in capsys.readouterr().err
+
+
+def test_a_browser_that_waits_for_the_page_gets_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A browser in the terminal does not return before it is ended."""
+    seen: list[int] = []
+
+    def browse(url: str) -> bool:
+        with urllib.request.urlopen(url, timeout=60.0) as page:
+            seen.append(page.status)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("webbrowser.open", browse)
+    assert cli.main(["view", "paper_1"]) == 0
+    assert seen == [200]
+    assert "ended" in capsys.readouterr().out
 
 
 def test_ctrl_c_ends_it_cleanly() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import webbrowser
 from pathlib import Path
+from threading import Thread
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from zmp_sqp.mechanics import shipped_machines
 from zmp_sqp.scenario import shipped_scenarios
 
 if TYPE_CHECKING:
-    from zmp_sqp.view import Subject
+    from zmp_sqp.view import Subject, ViewServer
 
 __all__ = ["add_view", "run_view"]
 
@@ -136,13 +137,21 @@ def run_view(arguments: argparse.Namespace) -> int:
         if arguments.save is not None and arguments.save.exists():
             console.print(f"{arguments.save} is there already: Save replaces it", soft_wrap=True)
         console.print("Ctrl-C ends it.")
-        if arguments.browser and not webbrowser.open(server.url):
-            console.print("no browser was found: open the address in one")
-        try:
-            server.serve_forever(poll_interval=0.1)
-        except KeyboardInterrupt:
-            console.print("ended")
+        _serve(server, browser=arguments.browser)
+        console.print("ended")
     return DONE
+
+
+def _serve(server: ViewServer, *, browser: bool) -> None:
+    """Serve until Ctrl-C; a browser is opened while the page is served, as it may wait for it."""
+    serving = Thread(target=server.serve_forever, kwargs={"poll_interval": 0.1}, daemon=True)
+    serving.start()
+    try:
+        if browser and not webbrowser.open(server.url):
+            make_console(None).print("no browser was found: open the address in one")
+        serving.join()
+    except KeyboardInterrupt:
+        server.shutdown()
 
 
 def _listening(kind: Any, session: Any, arguments: argparse.Namespace) -> Any:

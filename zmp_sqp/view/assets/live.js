@@ -145,6 +145,7 @@
       if (fresh && !searching) share = undefined;
     }
     within(".stage").hidden = !record && !searching;
+    if (within(".stage").hidden) document.querySelector(".transport").hidden = true;
     for (const part of [".constraints", ".joints"]) within(part).hidden = mode === "rest" || !record || !record.plan.charts.length;
     for (const part of [".guarantees", ".rests-on"]) within(part).hidden = mode === "rest" || !within(`${part} > div`).firstChild;
     stale(!fresh || searching);
