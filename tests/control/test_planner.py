@@ -15,6 +15,7 @@ from benchmarks.problems.paper import paper_scene
 from benchmarks.problems.scene import GRAVITY
 from benchmarks.problems.terrain import unicycle_base
 from tests.problems import CRANE_HEIGHT, slew
+from zmp_sqp.scenario import load_scenario
 
 SAME = 1e-4  # relative difference of durations, the issue's
 ACTIVE = (5, 25, 30, 204)  # seeds of hard problems whose tip-over limit costs time
@@ -88,6 +89,37 @@ def test_within_a_budget_the_rest_of_an_optimal_motion_is_the_plan_for_a_short_t
     lighter = planner.plan(q, problem.goal, v, elapsed=0.0, **long)
     assert lighter.iterations > 0
     assert lighter.duration < (1.0 - 0.05) * first.duration
+
+
+def test_where_a_search_promises_nothing_the_certified_rest_is_the_plan():
+    problem = random_problem(4, HARD).problem
+    planner = planner_of(problem)
+    first = planner.plan(problem.start, problem.goal)
+    at = 0.05  # [s]
+    q, v, _ = first.trajectory(at)
+    rest = planner.plan(q, problem.goal, v, elapsed=at)
+    check(rest, q, v)
+    assert rest.status is zs.Status.OPTIMAL
+    assert [run.status for run in rest.runs] == ["no_gain"]
+    assert rest.duration == pytest.approx(first.duration - at, abs=1e-9)
+    assert rest.duration <= zs.plan(from_state(problem, q, v)).duration * (1.0 + SAME)
+    # for another goal there is no rest to fall back on
+    goal = problem.goal + np.array([0.05, 0.0, 0.0, 0.0, 0.0])
+    moved = planner.plan(q, goal, v, elapsed=0.0)
+    check(moved, q, v)
+    assert "no_gain" not in [run.status for run in moved.runs]
+
+
+def test_a_plan_from_nothing_leaves_no_search_unfinished():
+    """After it the next call, too, probes at the bound, where tip-over shapes nothing."""
+    problem = load_scenario("paper_1").problem
+    planner = planner_of(problem)
+    first = planner.plan(problem.start, problem.goal)
+    at = 0.1 * first.duration
+    q, v, _ = first.trajectory(at)
+    moved = planner.plan(q, problem.goal + 0.01, v, elapsed=at)
+    check(moved, q, v)
+    assert moved.runs[0].purpose == "probe at the bound"
 
 
 @pytest.mark.parametrize("seed", [5, 12, 8])

@@ -14,7 +14,8 @@ from tests.sqp.problems import HOCK_SCHITTKOWSKI, TOLERANCE, Textbook, named
 from zmp_sqp.sqp.backends import make_backend
 from zmp_sqp.sqp.iterate import Iterate
 from zmp_sqp.sqp.result import IterationRecord, SQPResult
-from zmp_sqp.sqp.solver import EXCESS_FACTOR, EXCESS_GUARD, SQP, SQPSettings
+from zmp_sqp.sqp.solver import SQP, SQPSettings
+from zmp_sqp.sqp.steps import EXCESS_FACTOR, EXCESS_GUARD
 
 BACKENDS = ("auto", "proxqp", "piqp", "qpsolvers:clarabel", "qpsolvers:daqp")
 
@@ -166,6 +167,46 @@ def test_what_rows_exceed_between_their_places_is_added_to_them_late(backend: st
     never = run(replace(Chain(), bulges=True), backend, excess_from=0.0)
     assert never.excess is None
     assert never.at.objective == pytest.approx(plain.at.objective, rel=1e-6)
+
+
+CLOSING = SQPSettings(converged=1e-5, loosest=1e-8, chords=3, excess_from=1e-2)
+
+
+@pytest.mark.parametrize("backend", ["piqp", "proxqp"])
+@pytest.mark.parametrize("bulges", [False, True])
+def test_chord_steps_close_a_run_at_the_same_solution(backend: str, bulges: bool) -> None:
+    chain = replace(Chain(), bulges=bulges)
+    plain = run(chain, backend, converged=1e-5, loosest=1e-8, excess_from=1e-2)
+    closed = SQP(make_backend(backend), settings=CLOSING).minimize(chain, chain.start(0))
+    assert closed.status.name == "OPTIMAL"
+    assert len(closed.history) <= len(plain.history)
+    assert closed.at.objective == pytest.approx(plain.at.objective, rel=2e-5)
+    assert np.abs(closed.at.equalities).max() <= CLOSING.equality
+    added = 0.0 if closed.excess is None else closed.excess.max()
+    assert (closed.at.inequalities + added <= chain.tolerance).all()
+    np.testing.assert_array_equal(closed.at.inequalities, chain.evaluate(closed.point).inequalities)
+
+
+def test_a_first_step_without_a_worthwhile_gain_ends_the_run_where_it_began() -> None:
+    problem = named("HS100")
+    solved = solve(problem, converged=1e-9)
+    settings = SQPSettings(resumed=True, worthwhile=1e-4)
+    sqp = SQP(make_backend("piqp"), settings=settings)
+    vain = sqp.minimize(problem, solved.point, y=solved.y, z=solved.z)
+    assert vain.status.name == "NO_GAIN"
+    assert not vain.status.is_feasible
+    np.testing.assert_array_equal(vain.point, solved.point)
+    assert len(vain.history) == 1
+    far = SQP(make_backend("piqp"), settings=settings).minimize(problem, problem.x0)
+    assert far.status.name == "OPTIMAL"
+
+
+def test_without_relaxation_an_infeasible_QP_ends_the_run() -> None:
+    chain = Chain(goal=0.8)
+    sqp = SQP(make_backend("piqp"), settings=SQPSettings(relaxes=False))
+    result = sqp.minimize(chain, chain.start(0))
+    assert result.status.name == "STALLED"
+    assert not any(record.relaxed for record in result.history)
 
 
 def test_a_coarse_run_ends_early() -> None:

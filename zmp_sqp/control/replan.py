@@ -34,7 +34,18 @@ from zmp_sqp.sqp.solver import SQPSettings
 __all__ = ["Earlier", "Effort", "Remains", "ready_motion", "replanned"]
 
 # the guess is near the solution: few steps, with the excess between the rows' points from the first
-WARM = SQPSettings(resumed=True, converged=1e-4, excess_from=1e-2, max_iterations=20)
+WARM = SQPSettings(
+    resumed=True,
+    converged=1e-4,
+    excess_from=1e-2,
+    max_iterations=20,
+    all_decisive=True,
+    chords=3,
+    loosest=1e-7,
+    relaxes=False,
+)
+# relative gain that the first step must promise where the rest of an optimal motion is at hand
+WORTHWHILE = 5e-5
 # relative increases of the rest's duration, at which a motion near it is looked for
 SLOWER = (0.005, 0.05)
 # share of an optimal motion up to which its rest is as good as a new solution; only within budgets
@@ -166,6 +177,14 @@ class Earlier(NamedTuple):
     guess: Remains | None
 
     @property
+    def least_gain(self) -> float:
+        """Relative gain that makes a search worth while, where the rest is optimal; else 0."""
+        last, guess = self
+        if last is None or last is not guess or not last.is_same_question:
+            return 0.0
+        return WORTHWHILE if last.continued is last.problem else 0.0
+
+    @property
     def kept(self) -> Proven | None:
         """Rest of the last motion, if it leads to the new goal and is certified."""
         return None if self.last is None else self.last.kept
@@ -237,7 +256,12 @@ def replanned(
         return Answer(_without_proof(task, ready.near), ready.near)
     if guess is None:
         raise RuntimeError("replanned: there is neither a guess nor a certified motion")
-    found = _from_rest(task, guess, runs, effort)
+    found = _from_rest(task, guess, runs, effort, least_gain=earlier.least_gain)
+    if found.result.status is SQPStatus.NO_GAIN:
+        kept = kept or earlier.kept
+        if kept is not None:
+            return Answer(replace(kept, status=Status.OPTIMAL))
+        found = _from_rest(task, guess, runs, effort)
     if kept is not None and not found.is_feasible:
         return Answer(kept, found)
     if spared and runs.is_late and not found.is_feasible:
@@ -264,7 +288,9 @@ def _from_nothing(task: Task, runs: Runs, *, spared: bool) -> Answer:
     found = explore(task, runs)
     if spared and runs.is_late and not found.is_feasible:
         return Answer(_without_proof(task, found), found)
-    return Answer(prove(task, refine(task, found, runs), runs), found)
+    proven = prove(task, refine(task, found, runs), runs)
+    is_done = proven.status.success and not runs.is_late
+    return Answer(proven, None if is_done else found)
 
 
 def _without_proof(task: Task, found: Candidate) -> Proven:
@@ -280,7 +306,9 @@ def _without_proof(task: Task, found: Candidate) -> Proven:
     return Proven(Status.TIME_BUDGET, nothing, motion, motion.duration, candidate=found)
 
 
-def _from_rest(task: Task, guess: Remains, runs: Runs, effort: Effort) -> Candidate:
+def _from_rest(
+    task: Task, guess: Remains, runs: Runs, effort: Effort, *, least_gain: float = 0.0
+) -> Candidate:
     """Motion that the search finds from the rest of the last one."""
     rest = guess.rest
     if effort.probes and not rest.is_active and not guess.memory.unfinished:
@@ -295,7 +323,8 @@ def _from_rest(task: Task, guess: Remains, runs: Runs, effort: Effort) -> Candid
     program, point = rest.on(task, grid, max(rest.duration, task.lower_bound))
     y, z, excess = np.zeros(program.equalities), rest.multipliers(program), rest.excess_of(program)
     purpose = "from the rest of the last motion"
-    return runs.minimize(program, point, WARM, y=y, z=z, excess=excess, purpose=purpose)
+    settings = replace(WARM, worthwhile=least_gain)
+    return runs.minimize(program, point, settings, y=y, z=z, excess=excess, purpose=purpose)
 
 
 def _joined(task: Task, rest: Rest, runs: Runs) -> Ready:

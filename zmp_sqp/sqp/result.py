@@ -21,6 +21,7 @@ class SQPStatus(enum.Enum):
     FEASIBLE = "feasible, but progress stopped before optimality was shown"
     COARSE = "near enough to a solution to go on with a finer program"
     INFEASIBLE = "steps that weigh the violation above all no longer lower it"
+    NO_GAIN = "the first step promised no gain worth a search"
     STALLED = "steps became too short before the constraints were met"
     QP_FAILED = "no backend solved a QP, not even the relaxed one"
     ITERATION_LIMIT = "the iteration limit was reached before the constraints were met"

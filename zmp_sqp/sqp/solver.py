@@ -14,8 +14,18 @@ from zmp_sqp.arrays import Array
 from zmp_sqp.sqp.backends import QPBackend
 from zmp_sqp.sqp.direction import Direction, Subproblem
 from zmp_sqp.sqp.iterate import CurvatureModel, Iterate, Relaxation, is_feasible
-from zmp_sqp.sqp.nlp import Evaluation, Linearization, NonlinearProgram
+from zmp_sqp.sqp.nlp import Evaluation, NonlinearProgram
 from zmp_sqp.sqp.result import IterationRecord, SQPResult, SQPStatus
+from zmp_sqp.sqp.steps import (
+    Accepted,
+    Closing,
+    added,
+    padded,
+    relative_change,
+    remaining_change,
+    with_excess,
+    without,
+)
 
 __all__ = ["SQP", "SQPSettings"]
 
@@ -58,11 +68,7 @@ PATIENCE, PATIENCE_SHARE, PATIENCE_VIOLATION = 3, 0.9, 1e-3
 # price at which being stuck means infeasible: it outweighs any increase of the objective, so that a
 # less violated point with a far larger objective would have been found
 INFEASIBLE_PRICE = 300.0
-LARGEST_RATIO = 0.9  # of successive changes, in the extrapolation of the remaining change
 NEGLIGIBLE_SLACK = 1e-3  # relative to the violation: a smaller slack counts as none
-LEAST_OBJECTIVE = 1e-8  # smallest divisor of relative changes
-# the excess added to rows is that of the previous iterate, times this factor and plus this guard
-EXCESS_FACTOR, EXCESS_GUARD = 1.05, 2e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,6 +86,13 @@ class SQPSettings:
         max_iterations: Largest number of iterations.
         resumed: Whether the initial guess is near a solution with known multipliers: clipping is
             then not full at first, and rows are screened from the first QP on.
+        all_decisive: Whether the first QP of a resumed run has all `decisive` rows.
+        chords: Largest number of chord steps that close the violation after the last step
+            (`Closing`); 0 leaves that to finishing steps.
+        loosest: Largest tolerance of QPs; chord steps need a small one.
+        worthwhile: Relative decrease of the objective's square root that the first step must
+            promise; the run ends as NO_GAIN if it does not. 0 for no such test.
+        relaxes: Whether infeasible QPs are relaxed; else the run ends as STALLED.
         deadline: Value of `clock` after which no iteration starts [s]; None for none.
         clock: Clock of the deadline and of the records [s].
     """
@@ -92,6 +105,11 @@ class SQPSettings:
     equality: float = 2e-7
     max_iterations: int = 60
     resumed: bool = False
+    all_decisive: bool = False
+    chords: int = 0
+    loosest: float = LARGEST_TOLERANCE
+    worthwhile: float = 0.0
+    relaxes: bool = True
     deadline: float | None = None
     clock: Callable[[], float] = time.perf_counter
 
@@ -158,11 +176,12 @@ class SQP:
             iterate = self.step(program, iterate)
             if iterate.is_feasible(program.tolerance, self.settings.equality):
                 best = iterate
-        if best is not None and not status.is_feasible and status is not SQPStatus.COARSE:
+        meant = (SQPStatus.COARSE, SQPStatus.NO_GAIN)
+        if best is not None and not status.is_feasible and status not in meant:
             status = SQPStatus.FEASIBLE
             if not iterate.is_feasible(program.tolerance, self.settings.equality):
                 iterate = best
-        at = _without(iterate.lin.at, iterate.excess)
+        at = without(iterate.lin.at, iterate.excess)
         history = tuple(self._history)
         return SQPResult(iterate.point, iterate.y, iterate.z, iterate.excess, status, at, history)
 
@@ -181,7 +200,7 @@ class SQP:
             program, point, y, z, excess: Arguments of `minimize`.
         """
         self._history, self._started = [], self.settings.clock()
-        lin = _with(program.linearize(point), excess)
+        lin = with_excess(program.linearize(point), excess)
         y = np.zeros(program.equalities) if y is None else y
         z = np.zeros(program.inequalities) if z is None else z
         verdict = None if lin.at.is_finite() else SQPStatus.NOT_FINITE
@@ -215,6 +234,10 @@ class SQP:
                 again = CLIPPED_AGAIN if clipped < CLIPPED_AGAIN else 1.0
                 model = replace(iterate.model, clipped=again, kept_steps=KEPT_STEPS)
                 return self._same_point(iterate, subproblem, replace(iterate, model=model))
+        if direction is None and not self.settings.relaxes:
+            return self._same_point(
+                iterate, subproblem, replace(iterate, verdict=SQPStatus.STALLED)
+            )
         if direction is None:
             relaxed = True
             price = min(max(iterate.relaxation.price, iterate.penalty.nonlinear), LARGEST_PRICE)
@@ -227,6 +250,9 @@ class SQP:
             verdict = SQPStatus.QP_FAILED if failed else None
             damped = replace(iterate, model=iterate.model.damped(), verdict=verdict)
             return self._same_point(iterate, subproblem, damped)
+        if iterate.number == 0 and not relaxed and not self._is_worthwhile(iterate, direction):
+            vain = replace(iterate, verdict=SQPStatus.NO_GAIN)
+            return self._same_point(iterate, subproblem, vain, direction)
         penalty = iterate.penalty.raised(direction.y, direction.z, program.nonlinear)
         iterate = replace(iterate, penalty=penalty)
         decrease = self._predicted_decrease(program, iterate, direction)
@@ -267,10 +293,11 @@ class SQP:
         if number > 0 or settings.resumed:
             moved = FIRST_NEAR if iterate.step is None else iterate.step
             keep = (keep & (values > -(NEAR + moved))) | (iterate.z > 0.0)
-        early = number < WHOLLY_DECISIVE and not settings.resumed
+        first = 1 if settings.all_decisive else 0
+        early = number < (first if settings.resumed else WHOLLY_DECISIVE)
         if iterate.violation > DECISIVE_ABOVE or early:
             keep = keep | program.decisive(iterate.point, early=early)
-        share = np.clip(QP_SHARE * iterate.violation, LEAST_TOLERANCE, LARGEST_TOLERANCE)
+        share = np.clip(QP_SHARE * iterate.violation, LEAST_TOLERANCE, settings.loosest)
         tolerance = LEAST_TOLERANCE if iterate.finishing else float(share)
         return Subproblem(lin, H, keep, self.backend, tolerance)
 
@@ -282,6 +309,11 @@ class SQP:
         after = penalty.of(direction.predicted, np.zeros(0), count)
         before = penalty.of(at.inequalities, at.equalities, count)
         return before - after - float(iterate.lin.gradient @ direction.step)
+
+    def _is_worthwhile(self, iterate: Iterate, direction: Direction) -> bool:
+        least, lin = self.settings.worthwhile, iterate.lin
+        gain = -0.5 * float(lin.gradient @ direction.step)
+        return least == 0.0 or gain >= least * lin.at.objective
 
     def _is_stationary(
         self, program: NonlinearProgram, iterate: Iterate, direction: Direction
@@ -301,7 +333,7 @@ class SQP:
         subproblem: Subproblem,
         *,
         relaxed: bool,
-    ) -> _Accepted | None:
+    ) -> Accepted | None:
         """Line search: point that meets Armijo's condition, with its expansion, or None."""
         count, penalty, lin = program.nonlinear, iterate.penalty, iterate.lin
         start = penalty.merit(lin.at, count)
@@ -311,17 +343,22 @@ class SQP:
         def is_enough(at: Evaluation, length: float) -> bool:
             return penalty.merit(at, count) <= start - length * promised + noise
 
-        def linearized(point: Any, length: float, corrections: int = 0) -> _Accepted:
-            found = _with(program.linearize(point), iterate.excess)
-            return _Accepted(point, found, length, corrections)
+        def linearized(point: Any, length: float, corrections: int = 0) -> Accepted:
+            found = with_excess(program.linearize(point), iterate.excess)
+            return Accepted(point, found, length, corrections)
 
+        damped = iterate.model.damping > UNDAMPED and not iterate.finishing
+        if self.settings.chords and not relaxed and not damped:
+            closed = self._closing(program).of(iterate, direction, subproblem, is_enough)
+            if closed is not None:
+                return closed
         point = program.moved(lin, iterate.point, direction.step)
         full = (
             None  # where the full step is likely to be accepted, derivatives are computed at once
         )
         if iterate.change is not None or iterate.number == 0:
             full = linearized(point, 1.0)
-        end = _added(program.evaluate(point), iterate.excess) if full is None else full.lin.at
+        end = added(program.evaluate(point), iterate.excess) if full is None else full.lin.at
         closes = iterate.finishing and is_feasible(end, program.tolerance, self.settings.equality)
         if is_enough(end, 1.0) or closes:
             return full or linearized(point, 1.0)
@@ -336,7 +373,7 @@ class SQP:
                 break
             step = corrected
             point = program.moved(lin, iterate.point, step)
-            end = _added(program.evaluate(point), iterate.excess)
+            end = added(program.evaluate(point), iterate.excess)
             if is_enough(end, 1.0):
                 return linearized(point, 1.0, count_of)
             if not end.violation <= 0.5 * before:
@@ -344,10 +381,15 @@ class SQP:
         length = 0.5
         while length >= SHORTEST_STEP:
             point = program.moved(lin, iterate.point, length * direction.step)
-            if is_enough(_added(program.evaluate(point), iterate.excess), length):
+            if is_enough(added(program.evaluate(point), iterate.excess), length):
                 return linearized(point, length)
             length *= 0.5
         return None
+
+    def _closing(self, program: NonlinearProgram) -> Closing:
+        settings = self.settings
+        limits = settings.converged, settings.closable, settings.equality
+        return Closing(program, settings.chords, *limits)
 
     def _after_refusal(
         self,
@@ -378,14 +420,16 @@ class SQP:
         program: NonlinearProgram,
         iterate: Iterate,
         direction: Direction,
-        found: _Accepted,
+        found: Accepted,
         subproblem: Subproblem,
         *,
         relaxed: bool,
     ) -> Iterate:
         """Next iterate, at an accepted point."""
+        if found.final:
+            return self._last(program, iterate, direction, found, subproblem)
         full = found.length == 1.0
-        change = _relative_change(iterate.lin.at.objective, found.lin.at.objective)
+        change = relative_change(iterate.lin.at.objective, found.lin.at.objective)
         model = iterate.model
         if not self._is_early(iterate):
             model = self._less_clipped(iterate, direction, found, change)
@@ -408,15 +452,38 @@ class SQP:
             old_violation, NEGLIGIBLE_SLACK
         )
         successor = self._with_relaxation(successor, relaxed=relaxed, slack=slack)
-        remaining = _remaining_change(change, iterate.change)
+        remaining = remaining_change(change, iterate.change)
         successor = self._with_verdict(
             program, successor, remaining, iterate.model.damping, full=full
         )
         self._record(successor, direction, subproblem, found, relaxed=relaxed)
         return successor
 
+    def _last(
+        self,
+        program: NonlinearProgram,
+        iterate: Iterate,
+        direction: Direction,
+        found: Accepted,
+        subproblem: Subproblem,
+    ) -> Iterate:
+        """Iterate at a solution."""
+        at_bound = program.optimality_gap(found.point) <= 2.0 * self.settings.equality
+        successor = replace(
+            iterate,
+            point=found.point,
+            lin=found.lin,
+            y=direction.y,
+            z=direction.z,
+            excess=found.excess,
+            number=iterate.number + 1,
+            verdict=SQPStatus.BOUND_REACHED if at_bound else SQPStatus.OPTIMAL,
+        )
+        self._record(successor, direction, subproblem, found, relaxed=False)
+        return successor
+
     def _less_clipped(
-        self, iterate: Iterate, direction: Direction, found: _Accepted, change: float
+        self, iterate: Iterate, direction: Direction, found: Accepted, change: float
     ) -> CurvatureModel:
         """Curvature model after a step: less clipping after a good step, more after a bad one."""
         model = iterate.model
@@ -446,9 +513,9 @@ class SQP:
         old = iterate.excess
         if old is not None and iterate.finishing and bool((raw <= old).all()):
             return iterate
-        excess = EXCESS_FACTOR * raw + EXCESS_GUARD
-        bare = replace(iterate.lin, at=_without(iterate.lin.at, old))
-        return replace(iterate, lin=_with(bare, excess), excess=excess)
+        excess = padded(raw)
+        bare = replace(iterate.lin, at=without(iterate.lin.at, old))
+        return replace(iterate, lin=with_excess(bare, excess), excess=excess)
 
     def _with_relaxation(self, iterate: Iterate, *, relaxed: bool, slack: bool) -> Iterate:
         """Iterate with its series of relaxed steps, and with the verdict INFEASIBLE if stuck."""
@@ -505,7 +572,7 @@ class SQP:
         direction: Direction | None = None,
     ) -> Iterate:
         """Iterate at the same point with another model; it counts as an iteration."""
-        stays = _Accepted(iterate.point, iterate.lin, 0.0, 0)
+        stays = Accepted(iterate.point, iterate.lin, 0.0, 0)
         counted = replace(changed, number=iterate.number + 1)
         self._record(counted, direction, subproblem, stays, relaxed=False)
         return counted
@@ -515,7 +582,7 @@ class SQP:
         iterate: Iterate,
         direction: Direction | None,
         subproblem: Subproblem,
-        found: _Accepted,
+        found: Accepted,
         *,
         relaxed: bool,
     ) -> None:
@@ -536,42 +603,3 @@ class SQP:
         self._history.append(record)
         if self.report is not None:
             self.report(record)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Accepted:
-    """Accepted point, its expansion, the step length, and the number of corrections."""
-
-    point: Any
-    lin: Linearization
-    length: float
-    corrections: int
-
-
-def _remaining_change(change: float, before: float | None) -> float:
-    """Last change, or the geometric series of all following changes if that is larger."""
-    if before is None or before <= 0.0:
-        return change
-    ratio = min(change / before, LARGEST_RATIO)
-    return change * max(1.0, ratio / (1.0 - ratio))
-
-
-def _relative_change(before: float, after: float) -> float:
-    """First-order relative change of the objective's square root, which is the duration."""
-    return 0.5 * abs(after - before) / max(abs(before), LEAST_OBJECTIVE)
-
-
-def _added(at: Evaluation, excess: Array | None, sign: float = 1.0) -> Evaluation:
-    if excess is None:
-        return at
-    inequalities = at.inequalities.copy()
-    inequalities[: len(excess)] += sign * excess
-    return replace(at, inequalities=inequalities)
-
-
-def _without(at: Evaluation, excess: Array | None) -> Evaluation:
-    return _added(at, excess, -1.0)
-
-
-def _with(lin: Linearization, excess: Array | None) -> Linearization:
-    return lin if excess is None else replace(lin, at=_added(lin.at, excess))
