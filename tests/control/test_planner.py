@@ -189,6 +189,23 @@ def test_a_first_call_without_time_stays_where_the_machine_stands():
     assert plan.duration == 0.0
 
 
+def test_within_a_budget_a_motion_at_the_bound_is_probed_for_first():
+    """It needs no motion to join beside it, and from rest no stop."""
+    problem = random_problem(28, HARD).problem
+    planner = planner_of(problem)
+    long = {"time_budget": 60.0}  # [s]
+    first = planner.plan(problem.start, problem.goal, **long)
+    cold = zs.plan(problem)
+    assert [run.purpose for run in first.runs] == [run.purpose for run in cold.runs]
+    at = 0.1 * first.duration
+    q, v, _ = first.trajectory(at)
+    goal = problem.goal + np.array([0.05, 0.0, 0.0, 0.0, 0.0])
+    moved = planner.plan(q, goal, v, elapsed=at, **long)
+    check(moved, q, v)
+    assert moved.status is zs.Status.FASTEST_POSSIBLE
+    assert [run.purpose for run in moved.runs] == ["probe at the bound"]
+
+
 def test_a_search_that_found_nothing_in_time_goes_on_at_the_next_call():
     ticks = itertools.count()
     # a clock that goes on by a millisecond whenever it is read, so that every run is the same

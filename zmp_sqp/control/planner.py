@@ -149,16 +149,18 @@ class Planner:
         earlier = self._earlier(problem, elapsed)
         half = self._step_time * max(problem.first_intervals // 2, 1)
         joins = runs.deadline is None or runs.deadline - runs.clock() > half
-        ready, spare = ready_motion(task, earlier, runs, joins=joins), None
-        proven, unfinished = ready.proven, None
-        if proven is None and runs.deadline is not None:
-            spare = self._spare(earlier.last, fields, runs)
+        ready = ready_motion(task, earlier, runs, joins=joins, probes=not self._refused_probe)
+        proven, unfinished, spare = ready.proven, None, None
         if proven is None or proven.status is Status.KEPT:
-            optional = proven is not None or spare is not None
+            # a machine at rest may stay there, which needs no proof within the budget
+            spared = runs.deadline is not None and not task.start.v.any()
+            if proven is None and runs.deadline is not None and not spared:
+                spare = self._spare(earlier.last, fields, runs)
+                spared = spare is not None
+            optional = proven is not None or spared
             effort = self._effort(problem, earlier.guess, runs, optional=optional)
-            proven, unfinished = replanned(
-                task, earlier, ready, runs, effort, spared=spare is not None
-            )
+            effort = effort._replace(probes=effort.probes and not ready.probed)
+            proven, unfinished = replanned(task, earlier, ready, runs, effort, spared=spared)
             # every other call has all of its time for the search proper
             self._refused_probe = any(run.status == REFUSED for run in runs.runs)
         self._note_times(runs)

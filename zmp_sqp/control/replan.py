@@ -119,6 +119,11 @@ class Remains:
         return self.proven if self.continued is self.problem else None
 
     @property
+    def may_be_at_bound(self) -> bool:
+        """Whether a motion at the bound may be near: tip-over did not shape the earlier one."""
+        return not self.rest.is_active and not self.memory.unfinished
+
+    @property
     def is_same_question(self) -> bool:
         """Whether machine, ground and settings are those with which the motion was optimal."""
         old, new = self.memory.problem, self.problem
@@ -159,10 +164,12 @@ class Ready(NamedTuple):
         proven: Certified motion; None if there is none.
         near: Last point of the attempt to join the rest, which violates constraints; None if there
             was no attempt.
+        probed: Whether it has been probed at the bound.
     """
 
     proven: Proven | None
     near: Candidate | None = None
+    probed: bool = False
 
 
 class Earlier(NamedTuple):
@@ -202,7 +209,9 @@ class Answer(NamedTuple):
     unfinished: Candidate | None = None
 
 
-def ready_motion(task: Task, earlier: Earlier, runs: Runs, *, joins: bool = True) -> Ready:
+def ready_motion(
+    task: Task, earlier: Earlier, runs: Runs, *, joins: bool = True, probes: bool = True
+) -> Ready:
     """Certified motion that needs no long search.
 
     With status KEPT it is the rest of the last motion, or a motion near it, looked for only where
@@ -213,6 +222,7 @@ def ready_motion(task: Task, earlier: Earlier, runs: Runs, *, joins: bool = True
         earlier: Earlier motions.
         runs: Runner of the searches, with their deadline.
         joins: Whether there is time to look for a motion near an earlier one.
+        probes: Whether to probe at the bound where the earlier motion was there.
     """
     known = without_search(task)
     if known is not None:
@@ -228,9 +238,14 @@ def ready_motion(task: Task, earlier: Earlier, runs: Runs, *, joins: bool = True
         return Ready(replace(kept, status=Status.FASTEST_POSSIBLE))
     if kept is not None or runs.deadline is None or guess is None:
         return Ready(kept)
+    probed = probes and guess.memory.status is Status.FASTEST_POSSIBLE and guess.may_be_at_bound
+    if probed and (found := _probed(task, guess, runs)) is not None:
+        proven = prove(task, found, runs)
+        if proven.status.success:  # and nothing to join is needed
+            return Ready(proven, probed=True)
     if guess.memory.unfinished >= JOINED or not joins:
-        return Ready(None)
-    return _joined(task, guess.rest, runs)
+        return Ready(None, probed=probed)
+    return _joined(task, guess.rest, runs)._replace(probed=probed)
 
 
 def replanned(
@@ -311,12 +326,8 @@ def _from_rest(
 ) -> Candidate:
     """Motion that the search finds from the rest of the last one."""
     rest = guess.rest
-    if effort.probes and not rest.is_active and not guess.memory.unfinished:
-
-        def on(grid: Grid) -> Array:
-            return rest.grid.on(grid, rest.controls)
-
-        found = at_the_bound(task, runs, on)
+    if effort.probes and guess.may_be_at_bound:
+        found = _probed(task, guess, runs)
         if found is not None:
             return found
     grid = Grid.of(effort.intervals)
@@ -325,6 +336,16 @@ def _from_rest(
     purpose = "from the rest of the last motion"
     settings = replace(WARM, worthwhile=least_gain)
     return runs.minimize(program, point, settings, y=y, z=z, excess=excess, purpose=purpose)
+
+
+def _probed(task: Task, guess: Remains, runs: Runs) -> Candidate | None:
+    """Feasible motion at the bound, from probes that begin at the rest of an earlier motion."""
+    rest = guess.rest
+
+    def on(grid: Grid) -> Array:
+        return rest.grid.on(grid, rest.controls)
+
+    return at_the_bound(task, runs, on)
 
 
 def _joined(task: Task, rest: Rest, runs: Runs) -> Ready:
