@@ -13,7 +13,8 @@ from benchmarks.problems.checks import joint_limit_excess
 from benchmarks.problems.scene import GRAVITY
 from benchmarks.problems.terrain import unicycle_base
 from tests.problems import SLIDER_HEIGHT, SLIDER_SHARE, slider
-from zmp_sqp.control.stop import plan_stop
+from zmp_sqp.control.stop import StopProblem, plan_stop
+from zmp_sqp.planning.problem.statics import stands_at_rest
 
 START = np.array([0.0, -0.8, -2.0, 0.7, 0.0])  # of the feller-buncher, slew to head [rad]
 
@@ -140,6 +141,26 @@ def test_a_driving_base_that_must_not_brake_at_once_takes_longer():
     stop = plan_stop(machine, problem.start, np.zeros(5), problem.ground, base=base)
     check(stop, problem.start, np.zeros(5))
     assert stop.duration > 1.0 / 15.0 * 1.1
+
+
+@pytest.mark.parametrize("payload_uncertainty", [0.0, 0.1])
+def test_an_end_stands_where_a_problem_would_accept_it_as_goal(payload_uncertainty: float):
+    problem = random_problem(5, HARD).problem
+    limits, rng = problem.machine.limits, np.random.default_rng(0)
+    answers = []
+    for q in rng.uniform(np.maximum(limits.position_lower, -3.0), limits.position_upper, (60, 5)):
+        fields = {"margin": problem.margin, "payload_uncertainty": payload_uncertainty}
+        there = StopProblem(problem.machine, q, q, problem.ground, **fields)
+        stands = stands_at_rest(there.corners(), q, pose=None, margin=there.margin)
+        try:
+            zs.Problem(problem.machine, q, q, problem.ground, **fields)
+            accepted = True
+        except zs.ProblemError as refusal:
+            assert "at rest" in str(refusal)
+            accepted = False
+        assert stands is accepted
+        answers.append(stands)
+    assert 5 < sum(answers) < 55
 
 
 def test_wrong_arguments_are_refused():

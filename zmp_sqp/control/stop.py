@@ -18,6 +18,7 @@ from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.motion.trajectory import Trajectory
 from zmp_sqp.planning.constraints.tip_over import GUARD
 from zmp_sqp.planning.problem.problem import Problem
+from zmp_sqp.planning.problem.statics import stands_at_rest
 from zmp_sqp.planning.problem.unicycle_base import UnicycleBase
 from zmp_sqp.planning.program.grid import Grid
 from zmp_sqp.planning.program.limits import Boundary
@@ -213,9 +214,12 @@ def _with_end(problem: Problem, motion: Trajectory | None) -> Problem | None:
     if motion is None:
         return None
     changes = {field: getattr(problem, field) for field in Problem.__match_args__}
-    changes["goal"] = motion.positions[-1]
+    changes["goal"], pose = motion.positions[-1], None
     if problem.base is not None and motion.base is not None:
-        changes["base"] = replace(problem.base, goal=motion.base.poses[-1], goal_velocity=None)
+        pose = motion.base.poses[-1]
+        changes["base"] = replace(problem.base, goal=pose, goal_velocity=None)
+    if not stands_at_rest(problem.corners(), changes["goal"], pose=pose, margin=problem.margin):
+        return None  # quickly: to say what would be possible instead takes longer than the stop
     try:
         return Problem(**changes)
     except ProblemError:

@@ -38,6 +38,7 @@ __all__ = [
     "gentler",
     "gravity_under",
     "largest_share",
+    "stands_at_rest",
     "tilt_of",
 ]
 
@@ -97,6 +98,19 @@ class _RestPose:
             return self.margin - self.zmp(machine, ground).distance <= TOLERANCE
         except ContactLost:
             return False
+
+
+def stands_at_rest(
+    corners: tuple[Corner, ...], q: Array, *, pose: Array | None, margin: float
+) -> bool:
+    """Whether a machine keeps its margin at rest in a pose: `check_at_rest` without its reasons.
+
+    Args:
+        corners: Extremes of payload and slope; all must be safe.
+        q, pose, margin: As for `check_at_rest`.
+    """
+    rest = _RestPose(q, pose, margin)
+    return all(rest.stands(corner.machine, corner.ground) for corner in corners)
 
 
 def check_at_rest(
