@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.interpolate import BarycentricInterpolator
 from scipy.linalg import null_space
 
 from benchmarks.problems.terrain import unicycle_base as base
@@ -30,7 +31,7 @@ from zmp_sqp.planning.program.driving.displacements import runge_kutta
 from zmp_sqp.planning.program.driving.model import DrivingModel
 from zmp_sqp.planning.program.driving.positions import propagated
 from zmp_sqp.planning.program.grid import Grid
-from zmp_sqp.planning.program.staged import POINTS, StagedProgram
+from zmp_sqp.planning.program.staged import INSIDE_FINE, POINTS, StagedProgram
 from zmp_sqp.planning.program.stages import STATE
 
 TERRAINS = {"plane": TILTED.ground, "map": ROUGH}
@@ -340,8 +341,19 @@ def test_excess_on_a_map_knows_where_the_base_is() -> None:
     """Samples inside lie on the parabola through the positions at start, middle and end."""
     program = driving_case(moving=False, grid=Grid.of(UNEVEN), terrain=ROUGH)
     point = program.pack(np.zeros((4, 2, 7)), 1.3 * program.reference**2)
-    found = program.excess(point, program.evaluate(point), fine=True)
+    at, (q, w, controls, S) = program.evaluate(point), program.unpack(point)
+    p = point.states[:, program.stages.places]
+    three = np.stack([p[:-1], p[:-1] + point.moves.half, p[1:]])  # at start, middle and end
+
+    def values(share: float) -> np.ndarray:
+        states = program.grid.within(share, q[:-1], w[:-1], controls)
+        positions = BarycentricInterpolator([0.0, 0.5, 1.0], three)(share)
+        return np.asarray(program.rows.evaluate(*states, S, positions))
+
+    parabola = BarycentricInterpolator([0.0, 0.5, 1.0], [values(s) for s in (0.0, 0.5, 1.0)])
+    expected = np.max([values(s) - parabola(s) for s in INSIDE_FINE], axis=0).clip(min=0.0)
+    found = program.excess(point, at, fine=True)
     assert found is not None
-    assert found.shape == (program.nonlinear,)
-    assert (found >= 0.0).all()
-    assert found.max() > 0.0
+    assert expected.max() > 1e-6
+    per_point = found.reshape(program.grid.size, POINTS, -1)
+    np.testing.assert_allclose(per_point, np.stack([expected] * POINTS, axis=1), atol=ROUNDING)

@@ -79,7 +79,8 @@ class SQPResult:
         excess: Amounts added to the nonlinear inequalities, shape (nonlinear,), see
             `NonlinearProgram.excess`; None if nothing was added.
         status: Why the run stopped.
-        at: Values at the point, without `excess`.
+        at: Values at the point, without `excess`; None for a feasible point that was found with a
+            coarser program, whose own program has not been evaluated there.
         history: One record per iteration.
     """
 
@@ -88,5 +89,5 @@ class SQPResult:
     z: Array
     excess: Array | None
     status: SQPStatus
-    at: Evaluation
+    at: Evaluation | None
     history: tuple[IterationRecord, ...]

@@ -310,14 +310,14 @@ class StagedProgram:
 
     def excess(self, point: Motion, at: Evaluation, *, fine: bool) -> Array | None:
         """Largest excess of each row over the parabola through its start, middle and end values."""
-        values, base_positions = at.memory
+        values, at_rows = at.memory  # at_rows: base positions where the values were taken
         N, shares = self.grid.size, INSIDE_FINE if fine else INSIDE
         q, w, controls, S = self.unpack(point)
         states = [self.grid.within(s, q[:-1], w[:-1], controls) for s in shares]
         at_q, at_w, alpha = (np.vstack(parts) for parts in zip(*states, strict=True))
         base_positions = None
-        if base_positions is not None:
-            p0, p1, middle = (base_positions[i * N : (i + 1) * N] for i in range(3))
+        if at_rows is not None:
+            p0, p1, middle = (at_rows[i * N : (i + 1) * N] for i in range(3))
             base_positions = np.vstack([_parabola(s, p0, p1, middle) for s in shares])
         found = self.rows.evaluate(at_q, at_w, alpha, S, base_positions).reshape(len(shares), N, -1)
         start, end, middle = values.reshape(3, N, -1)

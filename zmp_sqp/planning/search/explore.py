@@ -93,8 +93,9 @@ def _may_be_faster(task: Task, runs: Runs, found: Candidate) -> bool:
 def _rank(candidate: Candidate) -> tuple[bool, float]:
     """Sort key: feasible candidates by duration, then others by violation over sigma."""
     at, feasible = candidate.result.at, candidate.is_feasible
-    scaled = at.violation / max(at.objective, 1e-9)
-    return not feasible, candidate.duration if feasible else scaled
+    if feasible or at is None:
+        return not feasible, candidate.duration if feasible else np.inf
+    return True, at.violation / max(at.objective, 1e-9)
 
 
 def _coarse_to_fine(task: Task, runs: Runs, guess: Guess, purpose: str) -> Candidate:

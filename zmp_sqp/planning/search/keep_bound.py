@@ -14,6 +14,7 @@ from zmp_sqp.planning.search.run import Candidate, Runs, SearchRun
 from zmp_sqp.planning.search.task import Task
 from zmp_sqp.sqp.iterate import is_feasible
 from zmp_sqp.sqp.least_distance import EQUALITY, Nearest, nearest_feasible
+from zmp_sqp.sqp.nlp import Evaluation
 from zmp_sqp.sqp.result import IterationRecord, SQPResult, SQPStatus
 
 __all__ = ["ABOVE", "REFUSED", "SHORTEST_STEPS", "at_the_bound", "intervals_per_coarse_one"]
@@ -109,13 +110,14 @@ def _probe(
         refused = SearchRun(PURPOSE, coarse.size, found.backend, 1, REFUSED, T, program.reference)
         runs.runs.append(refused)
         return None
-    point, at, excess = found.point, found.at, found.excess
+    point, excess = found.point, found.excess
+    at: Evaluation | None = found.at
     if parts > 1:
         fine = coarse.divided(parts)
         controls = coarse.on(fine, program.unpack(point)[2])
         program = task.program(motion.duration, fine)
         point = program.pack(controls, motion.duration**2)
-        at, excess = program.evaluate(point), None
+        at = excess = None
     y, z = np.zeros(program.equalities), np.zeros(program.inequalities)
     result = SQPResult(point, y, z, excess, SQPStatus.BOUND_REACHED, at, (record,))
     reached = Candidate(program, result)
