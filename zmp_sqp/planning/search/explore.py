@@ -25,11 +25,12 @@ __all__ = ["RESUMED", "explore", "on_finer_grid", "transferred"]
 # iterations. The second one is tried, too, with `intervals="auto"` where the first one ends far
 # above the lower bound.
 GUESSES = ((1.15, True), (1.5, True), (2.5, False))
-FAR_ABOVE = 1.1  # duration per lower bound
-DOUBTFUL = 1.2  # duration per lower bound, above which the motion may be a bad local minimum
-GLANCE = 8  # intervals of the glance at the second guess, which overestimates the duration by 1-5 %
-GLANCING = SQPSettings(converged=3e-3, coarse=3e-2, excess_from=0.0, max_iterations=12)
-MUCH_FASTER = 0.95
+FAR_ABOVE = 1.1  # duration per lower bound, above which the motion may be a bad local minimum
+# intervals of the glance at the second guess. It overestimates durations by 0.1-4 %: if it still
+# promises a faster motion than the one found, that one is another and better local minimum
+GLANCE = 16
+FASTER = 0.999  # promised duration per that of the motion at hand, below which it is pursued
+GLANCING = SQPSettings(converged=1e-2, coarse=3e-2, excess_from=0.0, max_iterations=12)
 LEAST_COARSE = 4  # fewest intervals of a grid that is half as fine as the problem's
 COARSEST = 25  # fewest intervals of still coarser ones
 # runs on coarse grids only prepare that on the finest one, and end early
@@ -72,22 +73,22 @@ def explore(task: Task, runs: Runs) -> Candidate:
 
 
 def _may_be_faster(task: Task, runs: Runs, found: Candidate) -> bool:
-    """Whether the second guess may lead to a motion that is much faster than one found.
+    """Whether the second guess may lead to a faster motion than one found.
 
-    With `intervals="auto"` it is worth a try. Otherwise a glance on few intervals tells, where the
-    motion is so slow that it may be a bad local minimum.
+    With `intervals="auto"` it is worth a try. Otherwise a glance on few intervals tells.
     """
     if task.problem.refines:
         return True
-    if runs.is_late or found.duration <= DOUBTFUL * task.lower_bound:
+    if runs.is_late:
         return False
     pace, smooth = GUESSES[1]
-    controls, duration = task.guess(pace * task.least, GLANCE, smooth=smooth)
-    program = task.program(duration, Grid.of(GLANCE))
+    intervals = min(GLANCE, task.problem.first_intervals)
+    controls, duration = task.guess(pace * task.least, intervals, smooth=smooth)
+    program = task.program(duration, Grid.of(intervals))
     point = program.pack(controls, duration**2)
     glance = runs.minimize(program, point, GLANCING, purpose=f"glance, {pace:g} x bound")
     enough = glance.result.status in (*ENOUGH, SQPStatus.COARSE)
-    return enough and glance.duration < MUCH_FASTER * found.duration
+    return enough and glance.duration < FASTER * found.duration
 
 
 def _rank(candidate: Candidate) -> tuple[bool, float]:
