@@ -105,7 +105,9 @@ def test_the_history_says_what_every_iteration_did() -> None:
         assert 0.0 <= record.step <= 1.0
         assert record.violation >= 0.0
         assert record.time > 0.0
-    assert plan.history[-1].violation <= 1e-6
+    runs = [run for run in plan.runs if not run.purpose.startswith("glance")]
+    of_runs = sum(run.iterations for run in runs)
+    assert plan.history[of_runs - 1].violation <= 1e-6  # glances follow
 
 
 # --- bits -----------------------------------------------------------------------------------------

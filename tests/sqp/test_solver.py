@@ -13,7 +13,7 @@ from tests.sqp.chain import BULGE, Chain
 from tests.sqp.problems import HOCK_SCHITTKOWSKI, TOLERANCE, Textbook, named
 from zmp_sqp.sqp.backends import make_backend
 from zmp_sqp.sqp.iterate import Iterate
-from zmp_sqp.sqp.result import IterationRecord, SQPResult
+from zmp_sqp.sqp.result import IterationRecord, SQPResult, SQPStatus
 from zmp_sqp.sqp.solver import SQP, SQPSettings
 from zmp_sqp.sqp.steps import EXCESS_FACTOR, EXCESS_GUARD
 
@@ -47,6 +47,17 @@ def test_no_iteration_starts_after_the_deadline() -> None:
     result = solve(named("HS104"), deadline=time.perf_counter() - 1.0)
     assert result.status.name == "TIME_LIMIT"
     assert result.history == ()
+
+
+def test_qps_that_were_given_up_because_time_is_up_are_no_failure_of_the_solver() -> None:
+    problem = named("HS104")
+    for deadline, expected in ((None, "QP_FAILED"), (1.0, "TIME_LIMIT"), (3.0, "QP_FAILED")):
+        settings = SQPSettings(deadline=deadline, clock=lambda: 2.0)
+        sqp = SQP(make_backend("piqp"), settings=settings)
+        failed = replace(sqp.init(problem, problem.x0), verdict=SQPStatus.QP_FAILED)
+        status = sqp.terminate(failed)
+        assert status is not None
+        assert status.name == expected
 
 
 def test_every_iteration_is_reported_as_it_stands_in_the_history() -> None:

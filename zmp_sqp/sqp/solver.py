@@ -208,10 +208,12 @@ class SQP:
 
     def terminate(self, iterate: Iterate) -> SQPStatus | None:
         """Why the run ends at an iterate; None if it goes on."""
-        if iterate.verdict is not None:
-            return iterate.verdict
         deadline = self.settings.deadline
-        if deadline is not None and self.settings.clock() > deadline:
+        late = deadline is not None and self.settings.clock() > deadline
+        if iterate.verdict is not None:  # when time is up, backends give up QPs
+            failed = iterate.verdict is SQPStatus.QP_FAILED
+            return SQPStatus.TIME_LIMIT if late and failed else iterate.verdict
+        if late:
             return SQPStatus.TIME_LIMIT
         if iterate.number >= self.settings.max_iterations:
             return SQPStatus.ITERATION_LIMIT
