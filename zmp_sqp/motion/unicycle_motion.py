@@ -114,6 +114,7 @@ class UnicycleMotion:
         yaw: Array,
         controls: tuple[Array, Array],
         ground: Terrain = PLANE,
+        near: Array | None = None,
     ) -> UnicycleMotion:
         """Motion whose positions are computed from a start pose, speeds and yaws.
 
@@ -124,6 +125,8 @@ class UnicycleMotion:
             yaw: Yaw at the nodes, shape (N+1,) [rad].
             controls: Accelerations and jerks of the class, shape (N, 2) each.
             ground: Ground on which the base drives.
+            near: Positions at the nodes of a path nearby, from which the iteration starts, shape
+                (N+1, 2) [m]; None starts at the first node.
 
         Raises:
             TrajectoryError: Shapes differ, entries are not finite, or velocities and yaws do not
@@ -132,8 +135,11 @@ class UnicycleMotion:
         """
         poses = np.column_stack([np.zeros((len(times), 2)), yaw])
         poses[:, :2] = start[:2]
+        guess = poses[:-1].copy()
+        if near is not None:
+            guess[1:, :2] = near[1:-1]
         curve, _ = _curve(
-            poses[:-1], velocities[:-1], *controls, np.diff(times), ground, chained=True
+            guess, velocities[:-1], *controls, np.diff(times), ground, chained=True
         )
         k = np.arange(len(times) - 1)
         poses[1:, :2] += np.cumsum(curve.displacement(k, np.diff(times)), axis=0)

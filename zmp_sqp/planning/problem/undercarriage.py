@@ -48,7 +48,13 @@ class Undercarriage(Protocol):
         """Whether the undercarriage is in motion at the "start" or the "goal"."""
 
     def motion(
-        self, times: Array, yaw: Array, rates: Array, accelerations: Array, jerks: Array
+        self,
+        times: Array,
+        yaw: Array,
+        rates: Array,
+        accelerations: Array,
+        jerks: Array,
+        near: Array | None = None,
     ) -> UnicycleMotion | None:
         """Motion in seconds from the start pose; None for an undercarriage that stands.
 
@@ -60,6 +66,8 @@ class Undercarriage(Protocol):
                 [m/s^2, rad/s^2].
             jerks: Constant second derivatives of the rates on each interval, shape (N, b)
                 [m/s^3, rad/s^3].
+            near: Positions at the nodes of a path nearby, from which the exact ones are found,
+                shape (N + 1, 2) [m]; None if none is known.
         """
 
     def still(self) -> UnicycleMotion | None:
@@ -108,7 +116,13 @@ class Standing:
         return False
 
     def motion(
-        self, times: Array, yaw: Array, rates: Array, accelerations: Array, jerks: Array
+        self,
+        times: Array,
+        yaw: Array,
+        rates: Array,
+        accelerations: Array,
+        jerks: Array,
+        near: Array | None = None,
     ) -> UnicycleMotion | None:
         """None: there is no motion."""
         return None
@@ -175,11 +189,17 @@ class Driving:
         return bool(getattr(self.base, f"{side}_velocity").any())
 
     def motion(
-        self, times: Array, yaw: Array, rates: Array, accelerations: Array, jerks: Array
+        self,
+        times: Array,
+        yaw: Array,
+        rates: Array,
+        accelerations: Array,
+        jerks: Array,
+        near: Array | None = None,
     ) -> UnicycleMotion | None:
         """Motion in seconds from the start pose; arguments as in `Undercarriage.motion`."""
         start, derivatives = self.base.start, (accelerations, jerks)
-        return UnicycleMotion.from_start(times, start, rates, yaw, derivatives, self.terrain)
+        return UnicycleMotion.from_start(times, start, rates, yaw, derivatives, self.terrain, near)
 
     def still(self) -> UnicycleMotion | None:
         """Motion of zero duration at the start."""

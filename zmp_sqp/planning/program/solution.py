@@ -50,10 +50,11 @@ def _motion(
 
     def motion(sigma: float) -> tuple[Array, Array, Array, float]:
         same = sigma == point.sigma
-        reached = point if same else program.motion(point.controls, sigma)
+        reached = point if same else program.motion(point.controls, sigma, near=point)
         y, rates, controls, S = program.unpack(reached)
         if aim is not None and program.drive is not None:
-            controls = program.drive.arrived(grid, y[0], rates[0], controls, aim)
+            near = reached.states[:, program.stages.places]
+            controls = program.drive.arrived(grid, y[0], rates[0], controls, aim, near)
             y, rates = grid.rolled(y[0], rates[0], controls)
         joints = coordinates.joints(y[:, :size]), coordinates.rates(rates[:, :size])
         accelerations = coordinates.rates(controls[:, :, :size])
@@ -73,7 +74,8 @@ def _motion(
     start, end = (controls[:, i] / duration**2 for i in (0, 1))
     jerks = (end - start) / (grid.steps[:, None] * duration)
     times, v, n = grid.nodes * duration, w / duration, problem.machine.size
-    base = undercarriage.motion(times, q[:, -1], v[:, n:], start[:, n:], jerks[:, n:])
+    near = None if program.drive is None else point.states[:, program.stages.places]
+    base = undercarriage.motion(times, q[:, -1], v[:, n:], start[:, n:], jerks[:, n:], near)
     return Trajectory(
         problem.machine.joint_names, times, q[:, :n], v[:, :n], start[:, :n], jerks[:, :n], base
     )

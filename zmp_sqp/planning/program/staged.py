@@ -170,12 +170,13 @@ class StagedProgram:
 
     # --- points -----------------------------------------------------------------------------
 
-    def motion(self, controls: Array, sigma: float) -> Motion:
+    def motion(self, controls: Array, sigma: float, near: Motion | None = None) -> Motion:
         """Motion by the least-norm change of given accelerations that meets the goal.
 
         Args:
             controls: Scaled accelerations at both ends of the intervals, shape (N, 2 n).
             sigma: Squared duration over the squared reference duration.
+            near: Motion nearby, from whose positions those of a driving base are found.
         """
         n, N = self.n, self.grid.size
         T = self.reference * np.sqrt(sigma) if sigma > 0.0 else np.nan
@@ -191,7 +192,8 @@ class StagedProgram:
         q, w = self.grid.rolled(self.start.q, first, unscaled)
         states, moves = [q, w / self.rate_scale], None
         if self.drive is not None:
-            p, moves = self.drive.path(self.grid, q, w, unscaled)
+            known = None if near is None else near.states[:, self.stages.places]
+            p, moves = self.drive.path(self.grid, q, w, unscaled, known)
             states.append(p)
         scaled = (unscaled / self.control_scale).reshape(N, -1)
         return Motion(scaled, float(sigma), np.hstack(states), moves)

@@ -57,13 +57,24 @@ class Positions:
         yaw = np.stack([q[:-1, -1], middle_q[:, -1], q[1:, -1]])
         return yaw, np.stack([w[:-1, -2], middle_w[:, -2], w[1:, -2]])
 
-    def path(self, grid: Grid, q: Array, w: Array, controls: Array) -> tuple[Array, Displacements]:
+    def path(
+        self, grid: Grid, q: Array, w: Array, controls: Array, near: Array | None = None
+    ) -> tuple[Array, Displacements]:
         """Base positions at the nodes, shape (N + 1, 2), and the displacements between them.
 
         All gaps are closed at once by Newton's method; on a plane one step is exact.
+
+        Args:
+            grid: Of normalised time.
+            q, w: Coordinates and rates at the nodes, shape (N + 1, n) each.
+            controls: Accelerations at the intervals' ends, shape (N, 2, n).
+            near: Positions at the nodes of a path nearby, from which Newton's method starts, shape
+                (N + 1, 2) [m]; None starts at the start of the base.
         """
         yaw, rate = self.heading(grid, q, w, controls)
         p = np.repeat(self.base.start[None, :2], grid.size + 1, axis=0)
+        if near is not None and not self.terrain.uniform:
+            p[1:] = near[1:]
         moves = runge_kutta(self.terrain, p[:-1], yaw, rate, grid.steps)
         for _ in range(PASSES):
             change = propagated(moves, moves.whole - np.diff(p, axis=0))
@@ -168,7 +179,15 @@ class Positions:
         to_heading = stages.heading
         return np.asarray(to_heading.transpose(0, 2, 1) @ of_heading @ to_heading)
 
-    def arrived(self, grid: Grid, start: Array, w: Array, controls: Array, aim: Array) -> Array:
+    def arrived(
+        self,
+        grid: Grid,
+        start: Array,
+        w: Array,
+        controls: Array,
+        aim: Array,
+        near: Array | None = None,
+    ) -> Array:
         """Controls whose Runge-Kutta path ends at a given position, shape (N, 2, n).
 
         The path accelerations are changed by the smallest amount (Gauss-Newton, least norm); on a
@@ -179,12 +198,14 @@ class Positions:
             start, w: Coordinates and rates at the first node, shape (n,) each.
             controls: Accelerations at the intervals' ends, shape (N, 2, n).
             aim: Position at which the path shall end, shape (2,) [m].
+            near: Positions at the nodes of a path nearby, see `path`.
         """
         found, previous = controls.copy(), np.inf
         by_controls = grid.rates_by_controls
         for _ in range(ARRIVALS):
             q, rates = grid.rolled(start, w, found)
-            p, moves = self.path(grid, q, rates, found)
+            p, moves = self.path(grid, q, rates, found, near)
+            near = p
             miss = aim - p[-1]
             distance = float(np.abs(miss).max())
             if distance <= ARRIVED or distance > 0.5 * previous:  # what is left is sideways
