@@ -13,8 +13,12 @@ import zmp_sqp as zs
 from benchmarks.problems.arm import HARD, random_problem
 from benchmarks.problems.paper import paper_scene
 from benchmarks.problems.scene import GRAVITY
-from benchmarks.problems.terrain import unicycle_base
+from benchmarks.problems.terrain import random_drive_problem, unicycle_base
 from tests.problems import CRANE_HEIGHT, slew
+from zmp_sqp.planning.search.explore import explore
+from zmp_sqp.planning.search.prove import prove
+from zmp_sqp.planning.search.run import Runs
+from zmp_sqp.planning.search.task import task_of
 from zmp_sqp.scenario import load_scenario
 
 SAME = 1e-4  # relative difference of durations, the issue's
@@ -204,6 +208,32 @@ def test_within_a_budget_a_motion_at_the_bound_is_probed_for_first():
     check(moved, q, v)
     assert moved.status is zs.Status.FASTEST_POSSIBLE
     assert [run.purpose for run in moved.runs] == ["probe at the bound"]
+
+
+def test_where_the_answer_is_due_no_certificate_is_begun():
+    problem = random_problem(28, HARD).problem
+    task = task_of(problem)
+    runs = Runs.start("piqp", None, None)
+    found = explore(task, runs)
+    assert prove(task, found, runs).status.success
+    runs.ends = runs.clock() + 60.0  # [s]
+    assert prove(task, found, runs).status.success
+    runs.ends = runs.clock()
+    late = prove(task, found, runs)
+    assert late.status is zs.Status.TIME_BUDGET
+    assert not late.certificate.safe
+    assert late.attempt is not None
+
+
+def test_a_first_call_over_terrain_without_time_for_a_proof_stays():
+    problem = random_drive_problem(9, over_terrain=True)
+    planner = planner_of(problem)
+    ticks = itertools.count()
+    planner.clock = lambda: 1e-3 * next(ticks)  # [s] a millisecond for every look
+    stays = planner.plan(problem.start, problem.goal, time_budget=0.005, base=problem.base)
+    assert stays.status is zs.Status.STOP
+    assert stays.certificate.safe
+    np.testing.assert_array_equal(stays.trajectory.positions[-1], problem.start)
 
 
 def test_a_search_that_found_nothing_in_time_goes_on_at_the_next_call():

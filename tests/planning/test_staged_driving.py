@@ -302,6 +302,19 @@ def test_arriving_leaves_alone_what_cannot_be_reached_sideways() -> None:
 
 
 @pytest.mark.parametrize("terrain", TERRAINS)
+def test_a_path_found_from_one_nearby_is_the_same(terrain: str) -> None:
+    program = driving_case(moving=True, grid=GRIDS["uneven"], terrain=TERRAINS[terrain])
+    q, w, controls, _ = program.unpack(somewhere(program))
+    drive, grid = program.drive, program.grid
+    assert drive is not None
+    p, moves = drive.path(grid, q, w, controls)
+    off = np.linspace(0.0, 0.2, grid.size + 1)[:, None] * [1.0, -0.5]
+    again, same = drive.path(grid, q, w, controls, p + off)
+    np.testing.assert_allclose(again, p, rtol=0.0, atol=1e-13)
+    np.testing.assert_allclose(same.whole, moves.whole, rtol=0.0, atol=1e-13)
+
+
+@pytest.mark.parametrize("terrain", TERRAINS)
 def test_changes_of_displacements_propagate_to_the_nodes(terrain: str) -> None:
     program = driving_case(moving=True, grid=GRIDS["uneven"], terrain=TERRAINS[terrain])
     q, w, controls, _ = program.unpack(point := somewhere(program))

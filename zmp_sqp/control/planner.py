@@ -20,7 +20,7 @@ from zmp_sqp.control.replan import Earlier, Effort, Remains, ready_motion, repla
 from zmp_sqp.control.stop import INTERVALS as STOP_INTERVALS
 from zmp_sqp.control.stop import StopProblem, backend_of, stop_plan
 from zmp_sqp.errors import ProblemError
-from zmp_sqp.mechanics.ground import Ground, Slope
+from zmp_sqp.mechanics.ground import Ground, Slope, Terrain
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.planning.problem.problem import Problem
 from zmp_sqp.planning.problem.undercarriage import Driving
@@ -43,7 +43,8 @@ LEFT = 0.01  # share of the last motion that must be left for it to help
 RESERVE = 1.3  # time kept for the certificate, per time that it took last
 LEAST_STEP = 0.7  # share of the time of a step that must be left for it to begin
 GIVEN_UP = 6  # calls that go on with an unfinished search; then it starts from the last motion
-FIRST_RESERVE = 0.2  # share of the budget that is kept for it before the first one
+# share of the budget that is kept for it before the first one, on planes and over terrain
+FIRST_RESERVE, FIRST_RESERVE_OVER_TERRAIN = 0.2, 0.7
 
 
 @dataclass(slots=True, eq=False)
@@ -139,10 +140,15 @@ class Planner:
                 problem = Problem(**fields, goal=goal, goal_velocity=goal_velocity)
             except ProblemError as fault:
                 return self._refused(fault, fields, runs)
-            return self._planned(problem, fields, elapsed, runs)
+            return self._planned(problem, fields, elapsed, runs, time_budget)
 
     def _planned(
-        self, problem: Problem, fields: Mapping[str, Any], elapsed: float | None, runs: Runs
+        self,
+        problem: Problem,
+        fields: Mapping[str, Any],
+        elapsed: float | None,
+        runs: Runs,
+        budget: float | None,
     ) -> Plan:
         """Plan of a problem, or a stop where none is certified."""
         task = task_of(problem)
@@ -158,6 +164,8 @@ class Planner:
                 spare = self._spare(earlier.last, fields, runs)
                 spared = spare is not None
             optional = proven is not None or spared
+            if optional and budget is not None:
+                runs.ends = runs.started + budget
             effort = self._effort(problem, earlier.guess, runs, optional=optional)
             effort = effort._replace(probes=effort.probes and not ready.probed)
             proven, unfinished = replanned(task, earlier, ready, runs, effort, spared=spared)
@@ -275,7 +283,9 @@ class Planner:
         budget = finite_number(budget, name="time_budget", error=ProblemError)
         if budget <= 0.0:
             raise ProblemError(f"time_budget must be positive, not {budget} s")
-        reserve = RESERVE * self._proof_time if self._proof_time > 0.0 else FIRST_RESERVE * budget
+        rolls = isinstance(self.ground, Terrain) and not self.ground.uniform
+        first = FIRST_RESERVE_OVER_TERRAIN if rolls else FIRST_RESERVE
+        reserve = RESERVE * self._proof_time if self._proof_time > 0.0 else first * budget
         limit = max(budget - reserve, 1e-6)
         return Runs.start(self.qp_solver, limit, progress, clock=self.clock)
 

@@ -138,9 +138,7 @@ class UnicycleMotion:
         guess = poses[:-1].copy()
         if near is not None:
             guess[1:, :2] = near[1:-1]
-        curve, _ = _curve(
-            guess, velocities[:-1], *controls, np.diff(times), ground, chained=True
-        )
+        curve, _ = _curve(guess, velocities[:-1], *controls, np.diff(times), ground, chained=True)
         k = np.arange(len(times) - 1)
         poses[1:, :2] += np.cumsum(curve.displacement(k, np.diff(times)), axis=0)
         return cls(times, poses, velocities, *controls, ground)

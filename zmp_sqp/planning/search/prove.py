@@ -27,6 +27,7 @@ MAX_TIGHTENINGS = 6  # certificates at most
 # largest relative excess over the lower bound with status FASTEST_POSSIBLE: `ABOVE`, and what
 # closing the last rounding errors of a motion may add to it; messages give the excess itself
 AT_BOUND = 1.15 * ABOVE
+LEAST_PROOF = 0.3  # of a certificate, in times that it took to build the motion over terrain
 OVERSHOOT = 1.5  # tightening of a constraint per shortfall of its guarantee
 # status of the plan by status of the SQP run, if the certificate does not change it
 OUTCOMES = {
@@ -70,6 +71,9 @@ def prove(task: Task, candidate: Candidate, runs: Runs) -> Proven:
         started = runs.clock()
         try:
             motion = trajectory(problem, candidate.program, candidate.motion)
+            if _is_due(runs, started):
+                nothing, late = Certificate.of_nothing(problem.margin), Status.TIME_BUDGET
+                return Proven(late, nothing, motion, motion.duration, candidate=candidate)
             checked = certify_for(problem, motion, anywhere=task.goal.free)
             runs.proof_time = runs.clock() - started
         except (ProblemError, TrajectoryError) as cause:
@@ -92,6 +96,14 @@ def prove(task: Task, candidate: Candidate, runs: Runs) -> Proven:
     if status in MAYBE_BASE and base_fails and margin_kept:
         status = Status.BASE
     return Proven(status, checked, motion, motion.duration, candidate=candidate)
+
+
+def _is_due(runs: Runs, started: float) -> bool:
+    """Whether another certified motion is to be the answer instead of one that is just built."""
+    if runs.ends is None:
+        return False
+    now = runs.clock()
+    return now + LEAST_PROOF * (now - started) > runs.ends
 
 
 def _verdict(task: Task, candidate: Candidate, motion: Trajectory, checked: Certificate) -> Status:

@@ -98,6 +98,8 @@ class Runs:
         proof_time: Time of the last certificate [s]; 0 before the first.
         reason: Sentence that says why nothing was found; empty if that is not known.
         clock: Clock of deadline and records [s].
+        ends: Value of `clock` at which the answer is due although a certificate is under way,
+            because there is another certified motion [s]; None if there is none.
     """
 
     backend: QPBackend
@@ -111,6 +113,7 @@ class Runs:
     proof_time: float = 0.0
     reason: str = ""
     clock: Callable[[], float] = time.perf_counter
+    ends: float | None = None
 
     @classmethod
     def start(
