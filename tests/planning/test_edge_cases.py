@@ -15,6 +15,9 @@ from benchmarks.problems.checks import check_feasibility
 from benchmarks.problems.paper import PAPER_GOAL, PAPER_START, paper_1, paper_scene
 from benchmarks.problems.scene import NamedProblem
 from tests.problems import double_integrator, slider
+from zmp_sqp.planning.search.planner import searched
+from zmp_sqp.planning.search.run import Runs
+from zmp_sqp.planning.search.task import task_of
 
 SAFE = 1e-6
 
@@ -171,6 +174,16 @@ def test_a_time_budget_is_kept_and_ends_in_a_safe_plan_or_in_its_status(budget: 
     else:
         assert plan.status is zs.Status.TIME_BUDGET
         assert "time budget" in plan.message
+
+
+def test_time_that_runs_out_between_two_grids_is_no_failure_of_the_qp_solver() -> None:
+    runs = Runs.start("auto", 1.0, None, clock=lambda: 0.0)
+    # time stands still until a coarse grid is done
+    runs.clock = lambda: 2.0 if any(run.status == "coarse" for run in runs.runs) else 0.0
+    proven = searched(task_of(random_problem(121).problem), runs)
+    assert runs.runs[-1].status == "coarse"
+    assert proven.status in (zs.Status.TIME_BUDGET, zs.Status.SAFE)
+    assert proven.status.success == proven.certificate.safe
 
 
 def test_a_time_budget_is_kept_with_many_intervals() -> None:

@@ -36,6 +36,7 @@ OUTCOMES = {
     SQPStatus.FEASIBLE: Status.SAFE,
     SQPStatus.INFEASIBLE: Status.INFEASIBLE,
     SQPStatus.TIME_LIMIT: Status.TIME_BUDGET,
+    SQPStatus.COARSE: Status.TIME_BUDGET,  # no time was left for the finer grids
     SQPStatus.ITERATION_LIMIT: Status.ITERATION_LIMIT,
 }
 # statuses that are replaced by BASE if only the base is at fault
