@@ -131,7 +131,8 @@ class Rewriting:
             points = zmp(machine, *state, **options)
             return points @ self.R if self.concerns(machine) else points
 
-        zs.Machine.with_support = stated_support  # type: ignore[method-assign]
+        stated: Any = zs.Machine
+        stated.with_support = stated_support
         new: list[tuple[Any, Any]] = [
             (shipped, shipped_machines),
             (load, load_machine),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from zmp_sqp.paper.runs import MODELS, PAPER
+from zmp_sqp.paper.runs import MODELS, PAPER_DURATION, PAPER_TIMES
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -60,17 +60,16 @@ def comparison_sheet(tests: Iterable[Mapping[str, Any]]) -> Sheet:
         number, planners = test["name"][-1], test["planners"]
         for name in ("phase plane", *MODELS):
             ours = planners[name]["duration"]
-            ratio = "-" if ours is None else f"{ours / PAPER['duration']:.4f}"
+            ratio = "-" if ours is None else f"{ours / PAPER_DURATION:.4f}"
             rows.append(
                 (
                     f"test {number}: duration, {name} [s]",
-                    f"{PAPER['duration']}",
+                    f"{PAPER_DURATION}",
                     _number(ours),
                     ratio,
                 )
             )
-        printed: Mapping[str, float] = PAPER[test["name"]]  # type: ignore[assignment]
-        for name, theirs in printed.items():
+        for name, theirs in PAPER_TIMES[test["name"]].items():
             ours = planners[name]["time"]
             said = "> 18000" if name == "full" else f"{theirs}"
             rows.append(

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 from zmp_sqp.rigorous.machine_numbers import Body, JointNumbers
 from zmp_sqp.rigorous.root_series import Root
@@ -136,14 +136,14 @@ def _turned(carrier: Matrix, one: JointConstants, angle: Scalar) -> Matrix:
     sin, cos = angle.sin_cos()
     versine = 1 - cos
     first, second = matrix_product(carrier, one.K), matrix_product(carrier, one.KK)
-    rows: Any = tuple(
+    rows = tuple(
         tuple(
             plus(carrier[i][j], plus(product(sin, first[i][j]), product(versine, second[i][j])))
             for j in range(3)
         )
         for i in range(3)
     )
-    return rows  # type: ignore[no-any-return]
+    return cast(Matrix, rows)
 
 
 def momenta(link: LinkSeries, body: Body, root_velocity: Vector) -> Momenta:

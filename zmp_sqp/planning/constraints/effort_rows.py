@@ -17,6 +17,8 @@ __all__ = ["EffortRows", "effort_curvature"]
 # step, is far below the accuracy of curvature that the SQP needs
 DIFFERENCE = 1e-6
 
+TOLERANCE = 2e-7  # violation of a scaled row, unless a guard makes up for more
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EffortRows:
@@ -46,9 +48,13 @@ class EffortRows:
     labels: tuple[str, ...]
     units: tuple[str, ...]
     resolution: Array
-    tolerance = 2e-7
     proven = True
     per_corner = True
+
+    @property
+    def tolerance(self) -> float:
+        """Largest violation of a scaled row at a solution, see `ConstraintRows.tolerance`."""
+        return TOLERANCE
 
     @property
     def needs_joint_efforts(self) -> bool:

@@ -51,6 +51,10 @@ class StageModel(Protocol):
         """
 
     @property
+    def joint_efforts(self) -> bool:
+        """Whether the efforts include the joint efforts."""
+
+    @property
     def coordinates(self) -> Coordinates:
         """Map from planning coordinates, without those of a base, to joint coordinates."""
 

@@ -77,7 +77,7 @@ class TipOverRows(EffortRows):
     distance: Array
 
     @property
-    def tolerance(self) -> float:  # type: ignore[override]
+    def tolerance(self) -> float:
         """Violation of a row at a solution: a share of what the guard keeps [m]."""
         return TOLERANCE_SHARE * min(GUARD, GUARD_SHARE * self.support.reach)
 

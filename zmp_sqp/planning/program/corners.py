@@ -75,7 +75,7 @@ class CornerModels:
             return cls(tuple(models), tuple(models), one, np.zeros((len(models), 3)), masses)
         parameters = _varying(_of_machines(models).reshape(len(models), -1))
         tilts = gravity - gravity[0]
-        if any(model.joint_efforts for model in models):  # type: ignore[attr-defined]
+        if any(model.joint_efforts for model in models):
             both = np.einsum("vi,vj->vij", parameters, _varying(gravity))
             chosen, weights = _basis(both.reshape(len(models), -1))
             basis, tilts = [models[b] for b in chosen], np.zeros_like(tilts)
@@ -355,7 +355,7 @@ def _differ_in_inertia_only(models: Sequence[StageModel]) -> bool:
         other = model.machine.model
         same = (
             type(model) is type(first)
-            and model.joint_efforts == first.joint_efforts  # type: ignore[attr-defined]
+            and model.joint_efforts == first.joint_efforts
             and model.machine.joint_names == first.machine.joint_names
             and model.machine.coupling.equals(first.machine.coupling)
             and list(other.parents) == list(machine.parents)
@@ -377,16 +377,16 @@ def _gravities(models: Sequence[StageModel]) -> Array | None:
 
     None where the models' gravity differs by more than a constant, as over different terrains.
     """
-    if all(isinstance(model, ArmModel) for model in models):
-        return np.array([model.gravity for model in models])  # type: ignore[attr-defined]
-    if not all(isinstance(model, DrivingModel) for model in models):
+    standing = [model.gravity for model in models if isinstance(model, ArmModel)]
+    if len(standing) == len(models):
+        return np.array(standing)
+    terrains = [model.terrain for model in models if isinstance(model, DrivingModel)]
+    if len(terrains) < len(models):
         return None
-    terrains = [model.terrain for model in models]  # type: ignore[attr-defined]
     if all(terrain is terrains[0] for terrain in terrains):
         return np.zeros((len(models), 3))
-    if not all(isinstance(terrain, Slope) for terrain in terrains):
-        return None
-    return np.array([terrain.gravity() for terrain in terrains])
+    slopes = [terrain for terrain in terrains if isinstance(terrain, Slope)]
+    return np.array([slope.gravity() for slope in slopes]) if len(slopes) == len(models) else None
 
 
 def _on_ground_of(model: StageModel, other: StageModel) -> StageModel:

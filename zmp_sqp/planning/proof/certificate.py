@@ -18,7 +18,7 @@ from zmp_sqp.motion.trajectory import Trajectory
 from zmp_sqp.planning.constraints.binding import bound_rows
 from zmp_sqp.planning.constraints.guarantee import Guarantee
 from zmp_sqp.planning.constraints.protocol import ConstraintRows, MotionSample, PathConstraint
-from zmp_sqp.planning.constraints.tip_over import Contact, TipOver
+from zmp_sqp.planning.constraints.tip_over import Contact, TipOver, supported
 from zmp_sqp.planning.problem.problem import Problem
 from zmp_sqp.planning.problem.unicycle_base import UnicycleBase
 from zmp_sqp.planning.proof.base_check import base_guarantees
@@ -213,7 +213,7 @@ def certify_at(
     check_arguments(first.machine, trajectory, first.ground)
     driven = with_ground(trajectory, first.ground)
     if driven.base is not None:
-        check_tracks(driven.base, first.machine.support)  # type: ignore[arg-type]
+        check_tracks(driven.base, supported(first.machine))
     check_drift(driven)
     required = finite_number(margin, name="margin", error=ProblemError)
     every: tuple[PathConstraint, ...] = (TipOver(), Contact(), *constraints)
