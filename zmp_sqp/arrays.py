@@ -42,9 +42,10 @@ def frozen_array(
         error: Not numbers, wrong shape, or not finite; the message names the first offending entry.
     """
     try:
-        kind = np.asarray(values).dtype.kind
         # NumPy would convert booleans, texts, dates and masked entries without complaint
-        if kind not in "iufO" or np.ma.is_masked(values):
+        if not (type(values) is np.ndarray and values.dtype == np.float64) and (
+            np.asarray(values).dtype.kind not in "iufO" or np.ma.is_masked(values)
+        ):
             raise error(f"{name} must be numbers of shape {_spell(shape)}, not {shortened(values)}")
         array = np.array(values, dtype=np.float64, order="C")
     except (TypeError, ValueError, OverflowError) as cause:

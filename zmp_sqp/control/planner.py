@@ -20,7 +20,7 @@ from zmp_sqp.control.replan import Earlier, Effort, Remains, ready_motion, repla
 from zmp_sqp.control.stop import INTERVALS as STOP_INTERVALS
 from zmp_sqp.control.stop import StopProblem, backend_of, stop_plan
 from zmp_sqp.errors import ProblemError
-from zmp_sqp.mechanics.ground import Ground, Slope, Terrain
+from zmp_sqp.mechanics.ground import Ground, Slope, is_uneven
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.planning.problem.problem import Problem
 from zmp_sqp.planning.problem.undercarriage import Driving
@@ -283,8 +283,7 @@ class Planner:
         budget = finite_number(budget, name="time_budget", error=ProblemError)
         if budget <= 0.0:
             raise ProblemError(f"time_budget must be positive, not {budget} s")
-        rolls = isinstance(self.ground, Terrain) and not self.ground.uniform
-        first = FIRST_RESERVE_OVER_TERRAIN if rolls else FIRST_RESERVE
+        first = FIRST_RESERVE_OVER_TERRAIN if is_uneven(self.ground) else FIRST_RESERVE
         reserve = RESERVE * self._proof_time if self._proof_time > 0.0 else first * budget
         limit = max(budget - reserve, 1e-6)
         return Runs.start(self.qp_solver, limit, progress, clock=self.clock)

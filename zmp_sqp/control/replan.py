@@ -41,7 +41,7 @@ WARM = SQPSettings(
     max_iterations=20,
     all_decisive=True,
     chords=3,
-    loosest=1e-7,
+    loosest=1e-5,
     relaxes=False,
 )
 # relative gain that the first step must promise where the rest of an optimal motion is at hand

@@ -63,7 +63,12 @@ class Coordinates:
         return np.array(v) if self.is_identity else v @ self.G / (self.G**2).sum(axis=0)
 
     def limits(self, joints: JointLimits) -> JointLimits:
-        """Tightest limits that the joints place on each coordinate; effort limits are NaN."""
+        """Tightest limits that the joints place on each coordinate.
+
+        Effort limits are NaN, unless the coordinates are the joint coordinates.
+        """
+        if self.is_identity:
+            return joints
         drive = np.where(self.G == 0.0, np.nan, self.G)  # (n, m)
         sides = np.stack(
             [

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Protocol, TypeGuard, runtime_checkable
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from zmp_sqp.errors import MachineError, ProblemError
 from zmp_sqp.mechanics.ground_motion import GroundMotion, GroundRates
 from zmp_sqp.mechanics.support import SupportPolygon
 
-__all__ = ["CLEARANCE", "GRAVITY", "Ground", "Slope", "Terrain", "terrain_of"]
+__all__ = ["CLEARANCE", "GRAVITY", "Ground", "Slope", "Terrain", "is_uneven", "terrain_of"]
 
 GRAVITY = 9.81  # [m/s^2] magnitude of gravity, as in Song & Sharf 2020
 # [m] largest distance between the ground and the plane of the tracks at which the tracks still
@@ -256,6 +256,12 @@ class Slope:
         return np.asarray(
             GRAVITY * np.column_stack([cos * x + sin * y, cos * y - sin * x, np.full_like(yaw, z)])
         )
+
+
+def is_uneven(ground: Ground) -> TypeGuard[Terrain]:
+    """Whether a ground is a terrain on which the motion of a base depends on its position."""
+    # a Slope first: to compare an object with a protocol takes microseconds
+    return not isinstance(ground, Slope) and isinstance(ground, Terrain) and not ground.uniform
 
 
 def terrain_of(ground: Ground) -> Terrain:

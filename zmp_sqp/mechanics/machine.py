@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -165,11 +166,7 @@ class Machine:
     @property
     def joint_units(self) -> tuple[str, ...]:
         """Unit of each joint coordinate: "rad" for a joint that turns, "m" for one that slides."""
-        kinds = (
-            self.model.joints[self.model.getJointId(name)].shortname() for name in self.joint_names
-        )
-        # JointModelPX, ...PY, ...PZ or ...PrismaticUnaligned
-        return tuple("m" if kind.startswith("JointModelP") else "rad" for kind in kinds)
+        return _joint_units(self)
 
     def with_payload(self, payload: Payload) -> Machine:
         """Copy of this machine that carries one more payload, fixed to one of its frames.
@@ -320,6 +317,15 @@ class Machine:
         for joint in range(1, model.njoints):
             model.inertias[joint] = _sum_of_frames(model, joint)
         return replace(self, model=model)
+
+
+@lru_cache(maxsize=32)
+def _joint_units(machine: Machine) -> tuple[str, ...]:
+    """Unit of each joint coordinate; cached, because a model is slow to ask for them."""
+    model = machine.model
+    kinds = (model.joints[model.getJointId(name)].shortname() for name in machine.joint_names)
+    # JointModelPX, ...PY, ...PZ or ...PrismaticUnaligned
+    return tuple("m" if kind.startswith("JointModelP") else "rad" for kind in kinds)
 
 
 def _sum_of_frames(model: Any, joint: int) -> Any:

@@ -112,7 +112,7 @@ def corners(
     return tuple(
         Corner(load, plane, _joined(heavy, leaning), spread)
         for load, heavy in loads
-        for spread in [load.payload_mass * square]
+        for spread in [load.payload_mass * square if square > 0.0 else 0.0]
         for plane, leaning in grounds
     )
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from zmp_sqp.arrays import Array, finite_number
 from zmp_sqp.errors import GIVE_SUPPORT, ContactLost, MachineError, ProblemError
-from zmp_sqp.mechanics.ground import Ground, Terrain
+from zmp_sqp.mechanics.ground import Ground, is_uneven
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.support import SupportPolygon
 from zmp_sqp.mechanics.wrench import ground_reaction
@@ -265,7 +265,7 @@ def moving_base_zmp(
 
 
 def _check_plane(ground: Ground) -> None:
-    if isinstance(ground, Terrain) and not ground.uniform:
+    if is_uneven(ground):
         raise ProblemError(
             f"eq. (21) is for a base that moves in a plane, not over a {type(ground).__name__}"
         )

@@ -241,9 +241,9 @@ def check_boundary_state(name: str, machine: Machine, q: Array, v: Array) -> Non
     Raises:
         ProblemError: The message names the joint, and gives value and limits.
     """
-    for i, joint in enumerate(machine.joint_names):
+    for i, (joint, unit) in enumerate(zip(machine.joint_names, machine.joint_units, strict=True)):
         one = _one_joint(machine.limits, i)
-        _check_joint(name, joint, machine.joint_units[i], one, q=float(q[i]), v=float(v[i]))
+        _check_joint(name, joint, unit, one, q=float(q[i]), v=float(v[i]))
 
 
 def _one_joint(limits: JointLimits, i: int) -> _Limits:

@@ -122,7 +122,7 @@ class Problem:
                 f"machine must be a Machine (see load_machine), not {type(self.machine).__name__}"
             )
         check_plannable(self.machine)
-        if isinstance(self.ground, type) or not isinstance(self.ground, Ground):
+        if isinstance(self.ground, type) or not isinstance(self.ground, Slope | Ground):
             raise ProblemError(
                 "ground must be a Slope, a Heightmap, or an object with their method "
                 f"gravity(yaw), not {shortened(self.ground)}"

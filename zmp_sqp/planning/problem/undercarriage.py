@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import Protocol
 
 import numpy as np
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.errors import ProblemError
-from zmp_sqp.mechanics.ground import Ground, Terrain, terrain_of
+from zmp_sqp.mechanics.ground import Ground, Terrain, is_uneven, terrain_of
 from zmp_sqp.mechanics.limits import JointLimits
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.motion.unicycle_motion import UnicycleMotion
@@ -100,8 +101,7 @@ class Standing:
     @property
     def limits(self) -> JointLimits:
         """No limits, shape (0,) each."""
-        nothing = np.zeros(0)
-        return JointLimits(nothing, nothing, nothing, nothing, nothing)
+        return _no_limits()
 
     def boundary(self, side: str) -> tuple[Array, Array]:
         """No coordinates, shape (0,) each."""
@@ -134,7 +134,7 @@ class Standing:
     def check(self, machine: Machine, model: str) -> None:
         """Refuse uneven ground that the tracks cannot follow at x = y = yaw = 0."""
         ground = self.ground
-        if isinstance(ground, Terrain) and not ground.uniform and machine.support is not None:
+        if is_uneven(ground) and machine.support is not None:
             ground.check_on(np.zeros((1, 2)))
             ground.check_followable(machine.support, np.zeros((1, 3)))
 
@@ -220,6 +220,13 @@ class Driving:
                 self.terrain.check_followable(machine.support, pose)
             except ProblemError as cause:
                 raise ProblemError(f"base {name}: {cause}") from None
+
+
+@cache
+def _no_limits() -> JointLimits:
+    """Limits of no coordinates, shape (0,) each."""
+    nothing = np.zeros(0)
+    return JointLimits(nothing, nothing, nothing, nothing, nothing)
 
 
 def undercarriage_of(base: UnicycleBase | None, ground: Ground) -> Undercarriage:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 
@@ -129,7 +128,7 @@ def limit_guarantee(
     worst = np.argmax(relative if within.all() else np.where(within, -np.inf, relative))
     kind, joint = np.unravel_index(int(worst), relative.shape)
     room, kept = -float(excess[kind, joint]), bool(within[kind, joint])
-    unit = _joint_units(machine)[joint] + UNITS[kind]
+    unit = machine.joint_units[joint] + UNITS[kind]
     guarantee = Guarantee(
         name="joint_limits",
         label=f"{machine.joint_names[joint]} {KINDS[kind]}",
@@ -158,7 +157,7 @@ def limit_peaks(
         values, times = _peaks(trajectory)
         excess, relative, _ = _excesses(machine, trajectory)
     values = values * np.array([1.0, -1.0, 1.0, 1.0])[:, None]
-    allowed, units = _allowed(machine, allowance), _joint_units(machine)
+    allowed, units = _allowed(machine, allowance), machine.joint_units
     within = _within(excess, relative, allowance)
     return tuple(
         LimitPeak(
@@ -209,12 +208,6 @@ def joints_least_duration(machine: Machine, trajectory: Trajectory) -> float:
         start_velocity=v[0],
         goal_velocity=v[-1],
     )
-
-
-@lru_cache(maxsize=32)
-def _joint_units(machine: Machine) -> tuple[str, ...]:
-    """Units of a machine's joints; cached, because the model is slow to ask for them."""
-    return machine.joint_units
 
 
 def _excesses(machine: Machine, trajectory: Trajectory) -> tuple[Array, Array, Array]:

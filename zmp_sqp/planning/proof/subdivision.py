@@ -16,8 +16,9 @@ __all__ = ["LeastValue", "StretchValues", "Wanted", "subdivide"]
 
 MOST_PARTS = 16  # largest number of parts into which a stretch is cut at once
 MOST_STRETCHES = 200_000  # stretches evaluated before subdivision ends, which limits time
-# a bound is expected to tighten with the square of the length; this factor is in reserve
-HEADROOM = 1.2
+# a bound is expected to tighten with the square of the length; this factor is in reserve, because
+# one round more costs as much as thirty stretches
+HEADROOM = 4.0
 # rounding error of values: certificates take it off, and stretches whose bound is as close as this
 # to what shorter ones could give are not cut
 ROUNDING = 1e-9
