@@ -4,10 +4,12 @@
 
 A re-plan begins in a state of the last plan, with `Planner` and without a time budget: along the
 last plan, with a goal that moves by 0.1 rad, or with a payload that changes by 10 %. Its time is
-compared with that of `zs.plan` from the same state. The problems are paper_1, retreat (base and
-arm) and the hard random problems of benchmarks/problems/arm.py; "active" are those whose tip-over
-limit costs more than 0.1 % of the lower bound. Stops begin where the joints are fastest. Times are
-processor times, divided by F as measured before and after each group; certificates are included.
+compared with that of `zs.plan` from the same state. A stream re-plans every 50 ms until the goal,
+first while tip-over shapes the last motion, if it does, then at the bound. The problems are
+paper_1, retreat (base and arm) and the hard random problems of benchmarks/problems/arm.py;
+"active" are those whose tip-over limit costs more than 0.1 % of the lower bound. Stops begin where
+the joints are fastest. Times are processor times, divided by F as measured before and after each
+group; certificates are included.
 """
 
 from __future__ import annotations
@@ -50,7 +52,10 @@ ASKED = {
     "payload changed by 10 %, active [of cold]": 0.5,
     "stop from full speed [F]": 15.0,
     "worst of the re-plans [median]": 5.0,
+    "worst of the re-plans at the bound [their median]": 5.0,
+    "worst of the re-plans that tip-over shapes [their median]": 5.0,
 }
+STREAMS = ("stream, at the bound", "stream, shaped by tip-over")
 
 
 def planner_of(problem: zs.Problem) -> zs.Planner:
@@ -196,11 +201,11 @@ def stream_rows(count: int) -> list[Row]:
         while plan.success and plan.duration > 4.0 * STEP and len(rows) < count:
             q, v, _ = plan.trajectory(STEP)
             call = partial(planner.plan, q, problem.goal, v, elapsed=STEP)
-            before = plan.duration
+            before, shaped = plan.duration, plan.status is not zs.Status.FASTEST_POSSIBLE
             plan, took = timed(call)
             rows.append(
                 {
-                    "case": "stream",
+                    "case": STREAMS[shaped],
                     "seed": seed,
                     "share": STEP / before,
                     "warm": took.processor / F,
@@ -233,9 +238,11 @@ def summarise(rows: list[Row]) -> dict[str, Any]:
     table = {}
     for name in ASKED:
         case, _, unit = name.removesuffix("]").partition(" [")
-        if case == "worst of the re-plans":
-            times = cases["stream"]["time_in_F"]
-            table[name] = times["max"] / times["50 %"]
+        if case.startswith("worst of the re-plans"):
+            chosen = STREAMS[:1] if case.endswith("bound") else STREAMS[1:]
+            chosen = STREAMS if unit == "median" else chosen
+            times = [row["warm"] for row in rows if row["case"] in chosen]
+            table[name] = max(times) / float(np.median(times))
         else:
             key = "time_in_F" if unit == "F" else "share_of_cold"
             table[name] = cases[case][key]["50 %"]
@@ -257,7 +264,7 @@ def main() -> int:
     )
     print_table(
         "times [F]",
-        ("", "number", "failed", *summary["cases"]["stream"]["time_in_F"]),
+        ("", "number", "failed", *summary["cases"][STREAMS[0]]["time_in_F"]),
         [
             (name, case["count"], case["failed"], *case["time_in_F"].values())
             for name, case in summary["cases"].items()

@@ -16,6 +16,7 @@ from zmp_sqp.arrays import Array, finite_number, frozen_array
 from zmp_sqp.blas import one_blas_thread
 from zmp_sqp.control.measured import within_limits
 from zmp_sqp.control.memory import Memory
+from zmp_sqp.control.question import Question
 from zmp_sqp.control.replan import Earlier, Effort, Remains, ready_motion, replanned
 from zmp_sqp.control.stop import INTERVALS as STOP_INTERVALS
 from zmp_sqp.control.stop import StopProblem, backend_of, stop_plan
@@ -31,7 +32,7 @@ from zmp_sqp.planning.search.keep_bound import REFUSED, SHORTEST_STEPS
 from zmp_sqp.planning.search.planner import answer
 from zmp_sqp.planning.search.prove import Proven
 from zmp_sqp.planning.search.run import Candidate, Runs
-from zmp_sqp.planning.search.task import lower_bound_of, task_of
+from zmp_sqp.planning.search.task import Task, lower_bound_of, task_of
 from zmp_sqp.sqp.result import IterationRecord
 
 __all__ = ["Planner"]
@@ -82,6 +83,8 @@ class Planner:
     _begins: float = field(default=0.0, init=False, repr=False)
     # last motion to the goal of a search that has not succeeded yet
     _guess: Memory | None = field(default=None, init=False, repr=False)
+    # what the last call asked for
+    _question: Question | None = field(default=None, init=False, repr=False)
     _in_use: Any = field(default_factory=threading.Lock, init=False, repr=False)
     # whether the last search probed at the bound in vain
     _refused_probe: bool = field(default=False, init=False, repr=False)
@@ -137,21 +140,35 @@ class Planner:
             fields = self._fields(q, v, base)
             runs = self._runs(time_budget, progress)
             try:
-                problem = Problem(**fields, goal=goal, goal_velocity=goal_velocity)
+                task = self._task({**fields, "goal": goal, "goal_velocity": goal_velocity})
             except ProblemError as fault:
                 return self._refused(fault, fields, runs)
-            return self._planned(problem, fields, elapsed, runs, time_budget)
+            return self._planned(task, fields, elapsed, runs, time_budget)
+
+    def _task(self, arguments: Mapping[str, Any]) -> Task:
+        """Planning task of a `Problem`; what has not changed since the last one is kept.
+
+        Raises:
+            ProblemError: Wrong arguments, or a start or goal that is refused.
+        """
+        last = self._question
+        known = None if last is None else last.from_start(arguments)
+        if known is not None and last is not None:
+            return task_of(known, last.constraints)
+        task = task_of(Problem(**arguments))
+        self._question = Question.of(arguments, task.problem, task.constraints)
+        return task
 
     def _planned(
         self,
-        problem: Problem,
+        task: Task,
         fields: Mapping[str, Any],
         elapsed: float | None,
         runs: Runs,
         budget: float | None,
     ) -> Plan:
-        """Plan of a problem, or a stop where none is certified."""
-        task = task_of(problem)
+        """Plan of a task, or a stop where none is certified."""
+        problem = task.problem
         earlier = self._earlier(problem, elapsed)
         half = self._step_time * max(problem.first_intervals // 2, 1)
         joins = runs.deadline is None or runs.deadline - runs.clock() > half

@@ -139,6 +139,7 @@ class Iterate:
             first.
         change: Relative change of the objective's square root by the last step; None if that was
             not a full step.
+        corrected: Whether the last step was corrected to second order.
         finishing: Whether the next step only closes the remaining violation.
         verdict: Status with which the run ends here; None if it goes on.
     """
@@ -154,6 +155,7 @@ class Iterate:
     number: int = 0
     step: Array | None = None
     change: float | None = None
+    corrected: bool = False
     finishing: bool = False
     verdict: SQPStatus | None = None
 

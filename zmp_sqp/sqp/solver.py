@@ -355,10 +355,9 @@ class SQP:
             if closed is not None:
                 return closed
         point = program.moved(lin, iterate.point, direction.step)
-        full = (
-            None  # where the full step is likely to be accepted, derivatives are computed at once
-        )
-        if iterate.change is not None or iterate.number == 0:
+        full: Accepted | None = None
+        # where the full step is likely to be accepted, derivatives are computed at once
+        if iterate.number == 0 or (iterate.change is not None and not iterate.corrected):
             full = linearized(point, 1.0)
         end = added(program.evaluate(point), iterate.excess) if full is None else full.lin.at
         closes = iterate.finishing and is_feasible(end, program.tolerance, self.settings.equality)
@@ -448,6 +447,7 @@ class SQP:
             number=iterate.number + 1,
             step=moved,
             change=change if full else None,
+            corrected=found.corrections > 0,
         )
         successor = self._with_excess(program, successor, change)
         slack = relaxed and direction.slack > NEGLIGIBLE_SLACK * max(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from copy import copy
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -144,6 +145,26 @@ class Problem:
         self._set("_coordinates", self._planned())
         for name in ("start", "goal"):
             self._check_boundary(name)
+
+    def from_start(self, start: Any, start_velocity: Any) -> Problem:
+        """This problem from another start, which alone is checked where nothing depends on it.
+
+        Args:
+            start: Joint coordinates, shape (n,) [rad or m].
+            start_velocity: Joint rates, shape (n,) [rad/s or m/s].
+
+        Raises:
+            ProblemError: The start is refused.
+        """
+        changes = {"start": start, "start_velocity": start_velocity}
+        if self.model != "full":  # its coordinates begin at the start
+            return replace(self, **changes)
+        other = copy(self)
+        for name, value in changes.items():
+            other._set(name, value)
+            other._set(name, other._state(name))
+        other._check_boundary("start")
+        return other
 
     @property
     def refines(self) -> bool:

@@ -175,8 +175,14 @@ def lower_bound_of(problem: Problem) -> float:
     return max(problem.undercarriage.least_duration, of_joints)
 
 
-def task_of(problem: Problem) -> Task:
-    """Planning task of a problem."""
+def task_of(problem: Problem, constraints: BoundConstraints | None = None) -> Task:
+    """Planning task of a problem.
+
+    Args:
+        problem: The problem.
+        constraints: Its path constraints, bound to the machine; None if they are not known yet.
+    """
     start, goal = boundaries(problem)
-    bounds, constraints = path_bounds(problem, start, goal), bound_constraints(problem)
-    return Task(problem, start, goal, bounds, constraints, lower_bound_of(problem))
+    bounds = path_bounds(problem, start, goal)
+    bound = bound_constraints(problem) if constraints is None else constraints
+    return Task(problem, start, goal, bounds, bound, lower_bound_of(problem))

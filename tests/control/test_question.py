@@ -1,0 +1,140 @@
+"""What a planner keeps from call to call: only what nothing has changed, and nothing stale."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import zmp_sqp as zs
+from benchmarks.problems.arm import HARD, random_problem
+from zmp_sqp.planning.problem.problem import Problem
+from zmp_sqp.scenario import load_scenario
+
+SEED = 8
+
+
+@pytest.fixture
+def problem() -> zs.Problem:
+    return random_problem(SEED, HARD).problem
+
+
+def planner_of(problem: zs.Problem) -> zs.Planner:
+    return zs.Planner(problem.machine, ground=problem.ground, margin=problem.margin)
+
+
+@pytest.fixture
+def checked(monkeypatch) -> list[str]:
+    """Boundary states that were checked, by name."""
+    names: list[str] = []
+    check = Problem._check_boundary
+
+    def noted(self, name: str) -> None:
+        names.append(name)
+        check(self, name)
+
+    monkeypatch.setattr(Problem, "_check_boundary", noted)
+    return names
+
+
+def next_state(plan: zs.Plan):
+    q, v, _ = plan.trajectory(0.1 * plan.duration)
+    return q, v
+
+
+def test_only_the_start_is_checked_where_nothing_else_has_changed(problem, checked):
+    planner = planner_of(problem)
+    q, v = next_state(planner.plan(problem.start, problem.goal))
+    checked.clear()
+    kept = planner.plan(q, problem.goal.copy(), v)
+    assert checked == ["start"]
+    anew = zs.plan(Problem(problem.machine, q, problem.goal, problem.ground, v))
+    assert kept.success
+    assert kept.problem.start.tolist() == q.tolist()
+    assert kept.problem.goal.tolist() == problem.goal.tolist()
+    assert kept.duration == pytest.approx(anew.duration, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"margin": 0.01},
+        {"ground": zs.Slope(0.01, 0.0)},
+        {"intervals": 48},
+        {"tipping_fraction": 0.98},
+        {"payload_uncertainty": 0.01},
+        {"payload_com_uncertainty": np.array([0.01, 0.0, 0.0])},
+        {"slope_uncertainty": 0.001},
+        {"constraints": (zs.TorqueLimits(),)},
+        {"machine": None},
+    ],
+    ids=lambda change: next(iter(change)),
+)
+def test_everything_is_checked_anew_where_one_thing_has_changed(problem, checked, change):
+    limits = replace(problem.machine.limits, effort=np.full(5, 1e7))
+    machine = replace(problem.machine, limits=limits)
+    planner = zs.Planner(machine, ground=problem.ground)
+    q, v = next_state(planner.plan(problem.start, problem.goal))
+    if "machine" in change:
+        change = {"machine": machine.with_payload_scaled(1.01)}
+    for name, value in change.items():
+        setattr(planner, name, value)
+    checked.clear()
+    found = planner.plan(q, problem.goal, v)
+    assert "goal" in checked
+    for name, value in change.items():
+        np.testing.assert_array_equal(getattr(found.problem, name), value)
+
+
+@pytest.mark.parametrize("kind", [np.array, list])
+def test_a_goal_that_is_changed_in_place_is_a_new_goal(problem, kind):
+    goal, planner = kind(problem.goal), planner_of(problem)
+    q, v = next_state(planner.plan(problem.start, goal))
+    goal[0] += 0.1
+    assert planner.plan(q, goal, v).problem.goal[0] == goal[0]
+
+
+def test_an_uncertainty_that_is_changed_in_place_is_seen(problem):
+    planner = planner_of(problem)
+    planner.payload_com_uncertainty = box = np.zeros(3)
+    q, v = next_state(planner.plan(problem.start, problem.goal))
+    box[0] = 0.01
+    found = planner.plan(q, problem.goal, v)
+    assert found.problem.payload_com_uncertainty.tolist() == [0.01, 0.0, 0.0]
+
+
+class TiltingGround:
+    """Ground whose gravity changes in place."""
+
+    def __init__(self) -> None:
+        self.roll = 0.0
+
+    def gravity(self, yaw: float = 0.0) -> np.ndarray:
+        return zs.Slope(self.roll, 0.0).gravity(yaw)
+
+
+def test_a_ground_that_may_change_is_asked_again(problem):
+    ground = TiltingGround()
+    planner = zs.Planner(problem.machine, ground=ground)
+    q, v = next_state(planner.plan(problem.start, problem.goal))
+    ground.roll = np.radians(60.0)
+    with pytest.raises(zs.ProblemError, match="tips over at rest at the goal"):
+        planner.plan(q, problem.goal, v)
+
+
+def test_a_refused_start_still_gets_a_stop(problem):
+    planner = planner_of(problem)
+    q, v = next_state(planner.plan(problem.start, problem.goal))
+    outside = q.copy()
+    outside[0] = problem.machine.limits.position_upper[0] + 0.1
+    stop = planner.plan(outside, problem.goal, v)
+    assert "The measured state is refused" in stop.message
+
+
+def test_a_start_is_checked_like_that_of_a_new_problem(problem):
+    with pytest.raises(zs.ProblemError, match="start must have shape"):
+        problem.from_start(problem.start[:-1], problem.start_velocity)
+    simplified = load_scenario("paper_1_simplified").problem
+    other = simplified.from_start(simplified.start, simplified.start_velocity)
+    assert other.coordinates is not simplified.coordinates

@@ -1,0 +1,83 @@
+"""What a planner was asked last, so that its next call checks only what has changed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from zmp_sqp.arrays import Array
+from zmp_sqp.mechanics.ground import Slope
+from zmp_sqp.planning.problem.problem import Problem
+from zmp_sqp.planning.program.rows import BoundConstraints
+
+__all__ = ["Question"]
+
+STATE = ("start", "start_velocity")  # arguments that every call changes
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Question:
+    """A problem with its constraints, and the arguments that it was made of.
+
+    Attributes:
+        given: Arguments of the problem as they were given, but the `STATE`; arrays and lists are
+            copied, because they may be changed in place.
+        problem: The problem.
+        constraints: Its path constraints, bound to the machine.
+    """
+
+    given: Mapping[str, Any]
+    problem: Problem
+    constraints: BoundConstraints
+
+    @classmethod
+    def of(
+        cls, arguments: Mapping[str, Any], problem: Problem, constraints: BoundConstraints
+    ) -> Question:
+        """Question of a problem that was made of some arguments."""
+        given = {name: _copied(value) for name, value in arguments.items() if name not in STATE}
+        return cls(given, problem, constraints)
+
+    def from_start(self, arguments: Mapping[str, Any]) -> Problem | None:
+        """The same problem from another start, which alone is checked; None if more has changed.
+
+        Args:
+            arguments: All arguments of the new problem.
+
+        Raises:
+            ProblemError: The start is refused.
+        """
+        # other grounds may change in place, and bases begin elsewhere at every call
+        if self.problem.base is not None or not isinstance(self.problem.ground, Slope):
+            return None
+        others = (name for name in arguments if name not in STATE)
+        if not all(_is_same(self.given[name], arguments[name]) for name in others):
+            return None
+        return self.problem.from_start(*(arguments[name] for name in STATE))
+
+
+def _copied(value: Any) -> Any:
+    """A value that does not change with the one that was given."""
+    if isinstance(value, list):
+        return tuple(value)
+    return value.copy() if isinstance(value, np.ndarray | dict) else value
+
+
+def _is_same(old: Any, new: Any) -> bool:
+    """Whether two arguments are surely the same: one object, or equal numbers of one type."""
+    if isinstance(old, np.ndarray):
+        return isinstance(new, np.ndarray) and _equal(old, new)
+    if isinstance(old, tuple):
+        return (
+            isinstance(new, tuple | list) and len(old) == len(new) and all(map(_is_same, old, new))
+        )
+    if isinstance(old, float | int | str):
+        return type(old) is type(new) and bool(old == new)
+    return old is new and not isinstance(old, dict)
+
+
+def _equal(old: Array, new: Array) -> bool:
+    return old.dtype == new.dtype and np.array_equal(old, new)
