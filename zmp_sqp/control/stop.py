@@ -276,7 +276,7 @@ def _seems_safe(task: Task, motion: Trajectory) -> bool:
 def _at_the_bound(task: Task, runs: Runs) -> Candidate | None:
     """Feasible motion at most 0.03 % slower than the lower bound; None if none is found quickly."""
     program, point = _braking(task, task.lower_bound * (1.0 + ABOVE))
-    found = nearest_feasible(program, point, runs.backend)
+    found = nearest_feasible(program, point, runs.backend, likely=True)
     if not found.feasible:
         return None
     y, z = np.zeros(program.equalities), np.zeros(program.inequalities)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -73,7 +74,9 @@ class Nearest:
     backend: str = ""
 
 
-def nearest_feasible(program: MetricProgram, point: Any, backend: QPBackend) -> Nearest:
+def nearest_feasible(
+    program: MetricProgram, point: Any, backend: QPBackend, *, likely: bool = False
+) -> Nearest:
     r"""Feasible point with the objective of a given point, by least-distance steps.
 
     Each step d solves
@@ -87,12 +90,14 @@ def nearest_feasible(program: MetricProgram, point: Any, backend: QPBackend) -> 
         program: Nonlinear program with a metric H.
         point: Initial point.
         backend: Solver of the QPs.
+        likely: Whether the initial point is likely to be feasible: then no derivatives are computed
+            before that is known.
 
     Returns:
         The last point; `feasible` tells whether the search succeeded.
     """
     search = _Search(program, backend)
-    return search.run(point)
+    return search.run(point, None if likely else program.linearize(point))
 
 
 class _Search:
@@ -100,7 +105,6 @@ class _Search:
 
     def __init__(self, program: MetricProgram, backend: QPBackend) -> None:
         self.program, self.backend = program, backend
-        self.H = _without_last(program.metric(), square=True)
         self.keep: Mask | None = None
         self.excess: Array | None = None
         self.steps = self.inner = 0
@@ -108,11 +112,15 @@ class _Search:
         self.tolerance = 0.0  # of the last QP
         self.last_qp: tuple[Any, Any, Any, Array] | None = None  # lin, point, C, last step
 
-    def run(self, point: Any) -> Nearest:
+    @cached_property
+    def H(self) -> Any:
+        """Metric of the steps, without the objective."""
+        return _without_last(self.program.metric(), square=True)
+
+    def run(self, point: Any, lin: Linearization | None) -> Nearest:
+        """Search from a point; its expansion is given where a step from it is likely."""
         program, violations = self.program, list[float]()
         after_simplified = False
-        # derivatives are computed with the values where a step from the point is likely to follow
-        lin: Linearization | None = program.linearize(point)
         while True:
             at = self._with_excess(point, program.evaluate(point) if lin is None else lin.at)
             violations.append(at.violation)
