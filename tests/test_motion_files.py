@@ -396,6 +396,8 @@ def test_the_rest_of_a_drive_is_certified(scenario: str) -> None:
     for t in (0.4 * motion.duration, float(motion.times[7])):
         rest = motion.after(t)
         times = np.linspace(0.0, rest.duration, 40)
+        # at a node, where accelerations jump, rounding decides which side is meant
+        times = times[np.abs(motion.times[:, None] - (t + times)).min(axis=0) > 1e-9]
         for found, expected in zip(rest.base(times), motion.base(t + times), strict=True):
             np.testing.assert_allclose(found[:-1], expected[:-1], atol=1e-8)
         found = zs.certify(problem.machine, rest, problem.ground)

@@ -21,6 +21,7 @@ from zmp_sqp.planning.proof.certificate import certify_for
 from zmp_sqp.plots.loci import MOST_TICKS, tick_labels, tick_step
 from zmp_sqp.plots.outlines import hull, machine_outlines
 from zmp_sqp.scenario import load_scenario
+from zmp_sqp.sqp.solver import SQPSettings
 
 pytest.importorskip("matplotlib")
 
@@ -286,7 +287,8 @@ def test_predicted_decreases_fall_to_the_stopping_criterion(plans: dict[str, zs.
     decreases = [record.decrease for record in records]
     assert np.isfinite(decreases).all()
     assert decreases[0] > 1e-3
-    assert abs(decreases[-1]) < 1e-5
+    # of the objective, the squared duration: twice the change of the duration that ends a run
+    assert abs(decreases[-1]) < 2.0 * SQPSettings().converged * records[-1].objective
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -132,15 +132,24 @@ def test_a_raised_root_drives_the_same(name: str) -> None:
     assert abs(theirs.certificate.margin - ours.certificate.margin) <= PROVEN
 
 
-def test_a_raised_root_drives_the_same_over_terrain() -> None:
-    """The Hessian there lacks curvature that depends on the origin: another path, 1e-6 s longer."""
+def test_a_raised_root_drives_the_same_over_terrain(monkeypatch) -> None:
+    """The Hessian there lacks curvature that depends on the origin: another path, 1e-6 s longer.
+
+    Proofs from other origins cut time into other stretches, so that margins agree to their
+    resolution, which is 2e-5 m over terrain, and made finer here.
+    """
     problem = problem_of("terrain")
     ours, theirs = zs.plan(problem), zs.plan(moved(problem, "raised"))
     assert theirs.success
     assert abs(theirs.duration - ours.duration) <= 1e-5
-    judged = zs.certify(moved(problem, "raised").machine, ours.trajectory, problem.ground)
+    monkeypatch.setattr("zmp_sqp.planning.constraints.tip_over.RESOLUTION", 4e-6)
+    raised = moved(problem, "raised").machine
+    found, judged = (
+        zs.certify(machine, ours.trajectory, problem.ground)
+        for machine in (problem.machine, raised)
+    )
     assert judged.sampled == pytest.approx(ours.certificate.sampled, abs=1e-12)
-    assert judged.margin == pytest.approx(ours.certificate.margin, abs=1e-6)
+    assert judged.margin == pytest.approx(found.margin, abs=5e-7)
 
 
 def test_a_base_drives_along_the_x_axis_of_its_root_whatever_is_forward() -> None:
