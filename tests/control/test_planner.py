@@ -16,6 +16,7 @@ from benchmarks.problems.scene import GRAVITY
 from benchmarks.problems.terrain import random_drive_problem, unicycle_base
 from tests.problems import CRANE_HEIGHT, slew
 from zmp_sqp.planning.search.explore import explore
+from zmp_sqp.planning.search.messages import failure_message
 from zmp_sqp.planning.search.prove import prove
 from zmp_sqp.planning.search.run import Runs
 from zmp_sqp.planning.search.task import task_of
@@ -221,6 +222,7 @@ def test_where_the_answer_is_due_no_certificate_is_begun():
     runs.ends = runs.clock()
     late = prove(task, found, runs)
     assert late.status is zs.Status.TIME_BUDGET
+    assert failure_message(problem, late.status, late.certificate) == str(zs.Status.TIME_BUDGET)
     assert not late.certificate.safe
     assert late.attempt is not None
 
@@ -234,6 +236,9 @@ def test_a_first_call_over_terrain_without_time_for_a_proof_stays():
     assert stays.status is zs.Status.STOP
     assert stays.certificate.safe
     np.testing.assert_array_equal(stays.trajectory.positions[-1], problem.start)
+    # no motion was looked at, so that there is nothing to say about one
+    assert stays.message == f"{zs.Status.TIME_BUDGET} {zs.Status.STOP}"
+    assert [run.purpose for run in stays.runs] in ([], ["probe at the bound"])
 
 
 def test_a_search_that_found_nothing_in_time_goes_on_at_the_next_call():

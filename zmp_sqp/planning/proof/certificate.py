@@ -76,6 +76,11 @@ class Certificate:
         return cls(guarantees, 0, -np.inf, np.inf, 0.0, required)
 
     @property
+    def is_of_nothing(self) -> bool:
+        """Whether no motion was looked at, see `of_nothing`."""
+        return not self.tip_over.label
+
+    @property
     def tip_over(self) -> Guarantee:
         """Guarantee of the distance from the zero moment point to the nearest edge."""
         return next(found for found in self.guarantees if found.name == "tip_over")

@@ -18,7 +18,14 @@ from zmp_sqp.planning.search.task import Task
 from zmp_sqp.sqp.result import SQPResult, SQPStatus
 from zmp_sqp.sqp.solver import SQPSettings
 
-__all__ = ["RESUMED", "explore", "on_finer_grid", "transferred"]
+__all__ = [
+    "RESUMED",
+    "explore",
+    "explore_bound",
+    "explore_guesses",
+    "on_finer_grid",
+    "transferred",
+]
 
 # initial guesses, tried in turn until one succeeds: duration per lower bound, and whether it is a
 # cubic. A cubic at 1.15 ends in better local minima than a bang-coast-bang motion, in as many
@@ -46,10 +53,17 @@ Guess = Callable[[int], tuple[Array, float]]
 
 def explore(task: Task, runs: Runs) -> Candidate:
     """Fastest feasible motion of all guesses; the least-violating motion if none is feasible."""
+    return explore_bound(task, runs) or explore_guesses(task, runs)
+
+
+def explore_bound(task: Task, runs: Runs) -> Candidate | None:
+    """First part of `explore`: feasible motion at the lower bound; None if none is found."""
     runs.enter("explore")
-    found = at_the_bound(task, runs)
-    if found is not None:
-        return found
+    return at_the_bound(task, runs)
+
+
+def explore_guesses(task: Task, runs: Runs) -> Candidate:
+    """Second part of `explore`: SQP runs from the guesses."""
     tried: list[Candidate] = []
     for pace, smooth in GUESSES:
         guess = partial(task.guess, pace * task.least, smooth=smooth)

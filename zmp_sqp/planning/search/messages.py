@@ -60,7 +60,7 @@ def failure_message(
     """
     if obstacle:
         return f"{status} The last motion looked at: {obstacle}."
-    if problem.machine.support is None:
+    if problem.machine.support is None or checked.is_of_nothing:
         return str(status)
     sentences = [_ending(problem, status, checked)]
     sentences += [f"The last motion looked at {words}." for words in _faults(problem, checked)]
