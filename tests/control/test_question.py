@@ -9,7 +9,10 @@ import pytest
 
 import zmp_sqp as zs
 from benchmarks.problems.arm import HARD, random_problem
+from zmp_sqp.control.memory import Memory
 from zmp_sqp.planning.problem.problem import Problem
+from zmp_sqp.planning.program.solution import trajectory
+from zmp_sqp.planning.search.task import task_of
 from zmp_sqp.scenario import load_scenario
 
 SEED = 8
@@ -138,3 +141,40 @@ def test_a_start_is_checked_like_that_of_a_new_problem(problem):
     simplified = load_scenario("paper_1_simplified").problem
     other = simplified.from_start(simplified.start, simplified.start_velocity)
     assert other.coordinates is not simplified.coordinates
+
+
+BASE = zs.UnicycleBase((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), 1.0, 0.3, 0.3, 0.3)
+
+
+def test_motions_in_other_coordinates_are_no_guess(problem):
+    """Those of a base that drives, and those of another machine, have other coordinates."""
+    planner = planner_of(problem)
+    q, v = next_state(planner.plan(problem.start, problem.goal))
+    for base in (BASE, None, BASE):
+        found = planner.plan(q, problem.goal, v, base=base)
+        assert found.success
+        assert (found.trajectory.base is None) == (base is None)
+    planner.machine, planner.ground = zs.load_machine("excavator"), zs.Slope()
+    limits = planner.machine.limits
+    start = np.clip(np.zeros(4), limits.position_lower, limits.position_upper)
+    assert planner.plan(start, start + np.array([0.2, 0.0, 0.0, 0.0])).success
+
+
+def test_the_rest_of_a_stop_in_closed_form_holds_the_base_that_drives():
+    moving = replace(BASE, start_velocity=(0.3, 0.1))
+    start, rates = [0.0, -0.6, -1.9, -0.6, 0.0], [0.2, 0.1, -0.1, 0.05, 0.0]
+    stop = zs.plan_stop(zs.load_machine("feller_buncher"), start, rates, base=moving)
+    assert stop.status is zs.Status.FASTEST_POSSIBLE
+    assert not stop.runs  # braking of every coordinate at once, from no program
+    at = 0.3 * stop.duration
+    memory = Memory(stop.problem, stop.trajectory, None)
+    q, v, _ = stop.trajectory(at)
+    pose, velocity, _ = stop.trajectory.base(at)
+    rest = replace(stop.problem.base, start=pose, start_velocity=velocity)
+    task = task_of(replace(stop.problem, start=q, start_velocity=v, base=rest))
+    found = memory.rest(at)
+    program, point = found.on(task, found.grid, found.duration)
+    motion = trajectory(task.problem, program, point)
+    for t in np.linspace(0.0, found.duration, 9):
+        np.testing.assert_allclose(motion(t)[0], stop.trajectory(at + t)[0], atol=1e-7)
+        np.testing.assert_allclose(motion.base(t)[0], stop.trajectory.base(at + t)[0], atol=1e-6)

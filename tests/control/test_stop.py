@@ -171,3 +171,21 @@ def test_wrong_arguments_are_refused():
             plan_stop(machine, q, v)
     with pytest.raises(zs.ProblemError, match="margin"):
         plan_stop(machine, START, np.zeros(5), margin=-1.0)
+
+
+@pytest.mark.parametrize("margin", [0.0, 0.3])
+def test_a_machine_at_rest_that_misses_its_margin_gets_no_motion(margin: float) -> None:
+    """It stands still already, so that there is nothing to search for."""
+    problem = random_problem(3, HARD).problem
+    machine, start = problem.machine, problem.start
+    steep = zs.Slope(roll=1.0)
+    stop = zs.plan_stop(machine, start, np.zeros(5), steep, margin=margin)
+    assert stop.status is zs.Status.INFEASIBLE
+    assert stop.attempt is not None
+    assert stop.attempt.duration == 0.0
+    assert stop.certificate.margin < margin
+    assert "tips the machine over" in stop.message
+    planner = zs.Planner(machine, ground=steep, margin=margin)
+    refused = planner.plan(start, problem.goal)
+    assert not refused.success
+    assert refused.message.startswith("The measured state is refused: the machine ")

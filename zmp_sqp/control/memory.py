@@ -106,6 +106,12 @@ class Memory:
     status: Status | None = None
     unfinished: int = 0
 
+    def fits(self, problem: Problem) -> bool:
+        """Whether a new problem has the coordinates of this one."""
+        old, names = self.problem, problem.machine.joint_names
+        same = old.model == problem.model and old.machine.joint_names == names
+        return same and (old.base is None) == (problem.base is None)
+
     def nearest(self, q: Array, v: Array, around: float | None = None) -> tuple[float, float]:
         """Time at which the last motion is nearest to a state [s], and its distance there.
 
@@ -179,4 +185,8 @@ class Memory:
         if not coordinates.is_identity:
             joints = joints @ np.linalg.pinv(coordinates.G).T
         controls = duration**2 * joints
+        if (base := motion.base) is not None:
+            last = base.accelerations + np.diff(base.times)[:, None] * base.jerks
+            of_base = np.stack([base.accelerations, last], axis=1)
+            controls = np.concatenate([controls, duration**2 * of_base], axis=2)
         return Grid(motion.times / duration, uniform=False), controls, duration

@@ -312,7 +312,7 @@ class Planner:
         """
         near: list[Remains] = []
         for memory in (self._guess, self._memory):
-            if memory is None or memory.motion.duration == 0.0:
+            if memory is None or memory.motion.duration == 0.0 or not memory.fits(problem):
                 continue
             around = None
             if elapsed is not None and memory is self._memory:

@@ -184,11 +184,15 @@ def _nothing(task: Task) -> Proven:
 
 def _attempts(task: Task, runs: Runs, *, quick: bool) -> Iterator[Proven]:
     """Motions to rest with their certificates, the fastest first."""
-    blind = _blind_stop(task)
+    motion = _blind_motion(task)
+    if task.lower_bound == 0.0:  # at rest already: there is nothing to search for
+        checked = certify_for(task.problem, motion, anywhere=True)
+        status = Status.FASTEST_POSSIBLE if checked.safe else Status.INFEASIBLE
+        yield Proven(status, checked, motion, 0.0)
+        return
+    blind = _blind_stop(task, motion)
     if blind is not None:
         yield blind
-        if task.lower_bound == 0.0:
-            return
     found = _at_the_bound(task, runs)
     if found is not None:
         yield prove(task, found, runs)
@@ -226,8 +230,8 @@ def _with_end(problem: Problem, motion: Trajectory | None) -> Problem | None:
         return None
 
 
-def _blind_stop(task: Task) -> Proven | None:
-    """Braking of every coordinate with its largest acceleration, if that is safe."""
+def _blind_motion(task: Task) -> Trajectory:
+    """Braking of every coordinate with its largest acceleration."""
     problem, start = task.problem, task.start
     ends = np.abs(start.v) / task.bounds.acceleration
     times = np.unique(np.append(0.0, ends))
@@ -239,10 +243,14 @@ def _blind_stop(task: Task) -> Proven | None:
     left = np.clip(ends - times[:, None], 0.0, None)
     a = np.where(left[:-1] > SAME, -direction, 0.0)
     states = start.q + 0.5 * direction * (ends**2 - left**2), direction * left, a
-    motion = _trajectory(problem, times, states)
+    return _trajectory(problem, times, states)
+
+
+def _blind_stop(task: Task, motion: Trajectory) -> Proven | None:
+    """Braking of every coordinate with its largest acceleration, if that is safe."""
     if not _seems_safe(task, motion):
         return None
-    checked = certify_for(problem, motion, anywhere=True)
+    checked = certify_for(task.problem, motion, anywhere=True)
     if not checked.safe:
         return None
     return Proven(Status.FASTEST_POSSIBLE, checked, motion, motion.duration)
