@@ -104,7 +104,8 @@ class QuickPlanner:
         if found.success and _answers(found, problem):
             self.allowed = self.budget
             return found
-        if time.perf_counter() - began > SPENT * self.allowed:
+        spent = time.perf_counter() - began > SPENT * self.allowed
+        if spent or str(Status.TIME_BUDGET) in found.message:  # it may end early, with a stop
             self.allowed = min(2.0 * self.allowed, MOST_TIMES * self.budget)
         return None
 
