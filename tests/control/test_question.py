@@ -46,12 +46,28 @@ def next_state(plan: zs.Plan):
     return q, v
 
 
-def test_only_the_start_is_checked_where_nothing_else_has_changed(problem, checked):
+@pytest.fixture
+def made(monkeypatch) -> list[Problem]:
+    """Problems that were made from arguments."""
+    problems: list[Problem] = []
+    make = Problem.__post_init__
+
+    def noted(self) -> None:
+        problems.append(self)
+        make(self)
+
+    monkeypatch.setattr(Problem, "__post_init__", noted)
+    return problems
+
+
+def test_a_problem_is_kept_but_for_its_start_where_nothing_else_has_changed(problem, checked, made):
     planner = planner_of(problem)
     q, v = next_state(planner.plan(problem.start, problem.goal))
     checked.clear()
+    made.clear()
     kept = planner.plan(q, problem.goal.copy(), v)
     assert checked == ["start"]
+    assert not made
     anew = zs.plan(Problem(problem.machine, q, problem.goal, problem.ground, v))
     assert kept.success
     assert kept.problem.start.tolist() == q.tolist()
@@ -74,7 +90,7 @@ def test_only_the_start_is_checked_where_nothing_else_has_changed(problem, check
     ],
     ids=lambda change: next(iter(change)),
 )
-def test_everything_is_checked_anew_where_one_thing_has_changed(problem, checked, change):
+def test_everything_is_checked_anew_where_one_thing_has_changed(problem, made, change):
     limits = replace(problem.machine.limits, effort=np.full(5, 1e7))
     machine = replace(problem.machine, limits=limits)
     planner = zs.Planner(machine, ground=problem.ground)
@@ -83,11 +99,26 @@ def test_everything_is_checked_anew_where_one_thing_has_changed(problem, checked
         change = {"machine": machine.with_payload_scaled(1.01)}
     for name, value in change.items():
         setattr(planner, name, value)
-    checked.clear()
+    made.clear()
     found = planner.plan(q, problem.goal, v)
-    assert "goal" in checked
+    assert made
     for name, value in change.items():
         np.testing.assert_array_equal(getattr(found.problem, name), value)
+
+
+@pytest.mark.parametrize(("seed", "factor"), [(304, 1.1), (346, 1.05), (382, 1.3)])
+def test_a_load_that_grows_in_the_model_itself_is_seen_at_the_goal(seed: int, factor: float):
+    """On the way to the goal its inertia may hold a machine that tips over once it rests there."""
+    problem = random_problem(seed, HARD).problem
+    heavy = problem.machine.with_payload_scaled(factor).model
+    machine = replace(problem.machine, model=problem.machine.model.copy())
+    planner = zs.Planner(machine, ground=problem.ground, margin=problem.margin)
+    last = planner.plan(problem.start, problem.goal)
+    q, v, _ = last.trajectory(0.6 * last.duration)
+    for joint in range(machine.model.njoints):
+        machine.model.inertias[joint] = heavy.inertias[joint]
+    with pytest.raises(zs.ProblemError, match="tips over at rest at the goal"):
+        planner.plan(q, problem.goal, v)
 
 
 @pytest.mark.parametrize("kind", [np.array, list])

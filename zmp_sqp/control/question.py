@@ -1,4 +1,4 @@
-"""What a planner was asked last, so that its next call checks only what has changed."""
+"""What a planner was asked last, so that its next call keeps what has not changed."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.mechanics.ground import Slope
+from zmp_sqp.mechanics.workspace import workspace_of
 from zmp_sqp.planning.problem.problem import Problem
 from zmp_sqp.planning.program.rows import BoundConstraints
 
@@ -27,11 +28,13 @@ class Question:
             copied, because they may be changed in place.
         problem: The problem.
         constraints: Its path constraints, bound to the machine.
+        version: Version of the machine's model, whose numbers can be changed in place.
     """
 
     given: Mapping[str, Any]
     problem: Problem
     constraints: BoundConstraints
+    version: int
 
     @classmethod
     def of(
@@ -39,10 +42,10 @@ class Question:
     ) -> Question:
         """Question of a problem that was made of some arguments."""
         given = {name: _copied(value) for name, value in arguments.items() if name not in STATE}
-        return cls(given, problem, constraints)
+        return cls(given, problem, constraints, workspace_of(problem.machine.model).version)
 
     def from_start(self, arguments: Mapping[str, Any]) -> Problem | None:
-        """The same problem from another start, which alone is checked; None if more has changed.
+        """The same problem from another start (`Problem.from_start`); None if more has changed.
 
         Args:
             arguments: All arguments of the new problem.
@@ -52,6 +55,8 @@ class Question:
         """
         # other grounds may change in place, and bases begin elsewhere at every call
         if self.problem.base is not None or not isinstance(self.problem.ground, Slope):
+            return None
+        if workspace_of(self.problem.machine.model).version != self.version:
             return None
         others = (name for name in arguments if name not in STATE)
         if not all(_is_same(self.given[name], arguments[name]) for name in others):

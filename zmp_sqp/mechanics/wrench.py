@@ -6,11 +6,8 @@ each joint.
 
 from __future__ import annotations
 
-import threading
-from collections import OrderedDict
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -18,6 +15,7 @@ import pinocchio as pin
 from zmp_sqp.arrays import Array, Indices
 from zmp_sqp.mechanics.joint_coupling import JointCoupling
 from zmp_sqp.mechanics.machine import Machine
+from zmp_sqp.mechanics.workspace import workspace_of
 
 __all__ = [
     "WRENCH",
@@ -162,7 +160,7 @@ def efforts(
     states = _stack(machine, q, v, a, root_velocity, root_acceleration)
     found = np.empty((len(states[0]), machine.model.nv))
     # one thread; arrays are passed as the columns that Pinocchio expects, without a copy
-    pin.rneaInParallel(1, _workspace(machine.model).pool, *(part.T for part in states), found.T)
+    pin.rneaInParallel(1, workspace_of(machine.model).pool, *(part.T for part in states), found.T)
     return machine.coupling.rows(found, WRENCH) if joints else found[:, :WRENCH]
 
 
@@ -210,7 +208,7 @@ def effort_derivatives(
         machine, q, v, a, root_acceleration, root_velocity, joints: Arguments of `efforts`.
     """
     states = _stack(machine, q, v, a, root_velocity, root_acceleration)
-    model, data = machine.model, _workspace(machine.model).data
+    model, data = machine.model, workspace_of(machine.model).data
     count, size, nv = len(states[0]), model.nv if joints else WRENCH, model.nv
     effort = np.empty((count, size))
     by_q, by_v, by_a = np.empty((3, count, size, nv))
@@ -231,39 +229,6 @@ def effort_derivatives(
             coupling.rows(part, WRENCH) for part in (effort, by_q, by_v, by_a)
         )
     return EffortDerivatives(effort, by_q, by_v, by_a, coupling)
-
-
-@dataclass(frozen=True, slots=True)
-class _Workspace:
-    """Memory of Pinocchio for one model."""
-
-    model: Any
-    data: Any
-    pool: Any
-
-
-class _Workspaces(threading.local):
-    """The latest workspaces of a thread: threads must not share them."""
-
-    def __init__(self) -> None:
-        self.latest: OrderedDict[int, _Workspace] = OrderedDict()
-
-
-MOST_WORKSPACES = 64  # per thread; a problem with uncertain payloads has a model for each of them
-_WORKSPACES = _Workspaces()
-
-
-def _workspace(model: Any) -> _Workspace:
-    """Memory for a model, made once per thread."""
-    latest = _WORKSPACES.latest
-    found = latest.get(id(model))
-    if found is None:  # holding the model keeps its identity from being reused
-        found = latest[id(model)] = _Workspace(model, model.createData(), pin.ModelPool(model, 1))
-        if len(latest) > MOST_WORKSPACES:
-            latest.popitem(last=False)
-    else:
-        latest.move_to_end(id(model))
-    return found
 
 
 @lru_cache(maxsize=64)

@@ -10,6 +10,7 @@ import numpy as np
 from zmp_sqp.arrays import Array, Indices
 from zmp_sqp.mechanics.ground import Ground
 from zmp_sqp.mechanics.machine import Machine
+from zmp_sqp.planning.constraints.tip_over import supported
 from zmp_sqp.simulation.engine import load_mujoco
 from zmp_sqp.simulation.multibody import foot_name, multibody_spec
 
@@ -85,7 +86,7 @@ class FreeStanding:
             at_v=at_v,
             drive=model.dof_armature[at_v],
             corner_of=np.arange(model.ngeom) - model.geom(foot_name(0)).id,  # feet are consecutive
-            corners=len(machine.support.vertices),  # type: ignore[union-attr]
+            corners=len(supported(machine).vertices),
         )
 
     @property

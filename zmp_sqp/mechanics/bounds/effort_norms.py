@@ -39,6 +39,7 @@ from zmp_sqp.arrays import Array
 from zmp_sqp.mechanics.bounds.effort_bounds import FIRST, EffortBound, is_prismatic
 from zmp_sqp.mechanics.inertia import spectral_norm
 from zmp_sqp.mechanics.machine import Machine
+from zmp_sqp.mechanics.workspace import workspace_of
 
 __all__ = ["BodyNorms", "Norms", "body_norms", "effort_size"]
 
@@ -97,12 +98,13 @@ def body_norms(machines: Sequence[Machine]) -> tuple[BodyNorms, ...]:
     Returns:
         One per joint of Pinocchio's model but the universe, from root to tip.
     """
-    return _body_norms(tuple({id(machine): machine for machine in machines}.values()))
+    distinct = tuple({id(machine): machine for machine in machines}.values())
+    return _body_norms(distinct, tuple(workspace_of(one.model).version for one in distinct))
 
 
 @lru_cache(maxsize=16)
-def _body_norms(machines: tuple[Machine, ...]) -> tuple[BodyNorms, ...]:
-    """`body_norms` of distinct machines."""
+def _body_norms(machines: tuple[Machine, ...], versions: tuple[int, ...]) -> tuple[BodyNorms, ...]:
+    """`body_norms` of distinct machines, whose models may have changed since the last version."""
     first = machines[0].model
     coupling = machines[0].coupling
     inertias = [list(machine.model.inertias)[1:] for machine in machines]
