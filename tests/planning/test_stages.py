@@ -8,7 +8,7 @@ import pytest
 from tests.planning.programs import GRIDS, ROUNDING, arm_case, driving_case, somewhere
 from zmp_sqp.planning.program.grid import Grid
 from zmp_sqp.planning.program.staged import Motion, StagedProgram
-from zmp_sqp.planning.program.stages import STATE, clipped
+from zmp_sqp.planning.program.stages import STATE
 
 
 @pytest.fixture(params=[(base, grid) for base in ("stands", "drives") for grid in GRIDS])
@@ -93,18 +93,6 @@ def test_the_middle_map_is_a_basis_times_a_triangle(program: StagedProgram) -> N
     )
     expected = program.stages.at_middle.transpose(0, 2, 1)
     np.testing.assert_allclose(Q @ R, expected, atol=ROUNDING * float(np.abs(expected).max()))
-
-
-@pytest.mark.parametrize("share", [0.0, 0.3, 1.0])
-def test_clipping_takes_away_a_share_of_the_negative_eigenvalues_only(share: float) -> None:
-    blocks = np.random.default_rng(0).normal(size=(6, 5, 5))
-    blocks = blocks + blocks.transpose(0, 2, 1)
-    found = clipped(blocks, share)
-    before, after = np.linalg.eigvalsh(blocks), np.linalg.eigvalsh(found)
-    expected = np.where(before > 0.0, before, (1.0 - share) * before)
-    np.testing.assert_allclose(after, np.sort(expected, axis=1), atol=ROUNDING)
-    if share == 0.0:
-        np.testing.assert_allclose(found, blocks, atol=ROUNDING)
 
 
 def test_the_number_of_variables_is_what_the_docstring_says() -> None:

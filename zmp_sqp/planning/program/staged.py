@@ -12,6 +12,7 @@ import numpy.typing as npt
 from zmp_sqp.arrays import Array
 from zmp_sqp.mechanics.bounds.payload_spread import moment_of_spread
 from zmp_sqp.planning.constraints.protocol import StageSample
+from zmp_sqp.planning.program.clipping import clipped
 from zmp_sqp.planning.program.corner_jacobian import CornerJacobian
 from zmp_sqp.planning.program.driving.displacements import Displacements
 from zmp_sqp.planning.program.driving.positions import Positions
@@ -25,7 +26,7 @@ from zmp_sqp.planning.program.limits import (
 )
 from zmp_sqp.planning.program.patterns import Patterns, patterns_of
 from zmp_sqp.planning.program.rows import StageRows
-from zmp_sqp.planning.program.stages import STATE, Stages, clipped
+from zmp_sqp.planning.program.stages import STATE, Stages
 from zmp_sqp.sqp.nlp import Evaluation, Linearization
 from zmp_sqp.sqp.rows import Rows
 

@@ -257,10 +257,3 @@ def stage_columns(shape: Shape) -> Indices:
     index = np.hstack([columns[:-1], columns[1:, : 2 * shape.n], sigma])
     index.flags.writeable = False
     return index
-
-
-def clipped(blocks: Array, share: float) -> Array:
-    """Symmetric blocks (K, r, r) whose negative eigenvalues are scaled by 1 - share."""
-    values, vectors = np.linalg.eigh(blocks)
-    kept = np.where(values > 0.0, values, (1.0 - share) * values)
-    return np.asarray((vectors * kept[:, None, :]) @ vectors.transpose(0, 2, 1))
