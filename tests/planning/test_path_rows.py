@@ -84,6 +84,60 @@ def test_a_bound_that_is_too_large_to_prove_anything_proves_nothing() -> None:
     assert "is not proven to keep rate" in found.fault
 
 
+def test_a_bound_that_the_motion_refutes_is_an_error() -> None:
+    """The second derivative of a rate is the jerk, whose peak is the least bound that is true."""
+    problem = replace(crane(rate_rows(LIMIT)), intervals=13)  # no node where a jump would be best
+    motion = zs.plan(problem).trajectory
+    peak = float(np.abs(motion.jerks).max())
+    assert peak > 1.0
+    true, false = (
+        replace(problem, constraints=[replace(rate_rows(LIMIT), curvature_bound=share * peak)])
+        for share in (1.0, 0.999)
+    )
+    assert guarantee(certify_for(true, motion), "rate").proven
+    with pytest.raises(zs.ProblemError, match=r"'rate': its curvature_bound is too small.*rad/s/s"):
+        certify_for(false, motion)
+    with pytest.raises(zs.ProblemError, match="its curvature_bound is too small"):
+        zs.plan(false)
+
+
+def test_a_dip_between_the_samples_is_not_hidden_by_a_false_bound() -> None:
+    """A narrow wall that the joint passes between two nodes and middles of the grid."""
+
+    def wall(machine: zs.Machine, q: Any, v: Any, a: Any) -> tuple[np.ndarray, np.ndarray]:
+        off = (q[:, :1] - 0.9137) / 0.02
+        jacobian = np.zeros((len(q), 1, 3 * machine.size))
+        jacobian[:, :, 0] = -2.0 * off * np.exp(-(off**2)) / 0.02
+        return np.exp(-(off**2)) - 0.5, jacobian
+
+    motion = zs.plan(crane()).trajectory
+    honest = zs.PathRows("wall", wall, curvature_bound=lambda m, v, a, j: 5e3 * v**2 + 50.0 * a)
+    assert guarantee(certify_for(crane(honest), motion), "wall").value < -0.4
+    with pytest.raises(zs.ProblemError, match="its curvature_bound is too small"):
+        certify_for(crane(replace(honest, curvature_bound=0.1)), motion)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0], ids=["more room", "less room"])
+def test_a_kink_refutes_the_bound_only_where_it_takes_room_away(sign: float) -> None:
+    """sign |rate| bends without bound where the rate changes its sign."""
+
+    def rows(machine: zs.Machine, q: Any, v: Any, a: Any) -> tuple[np.ndarray, np.ndarray]:
+        jacobian = np.zeros((len(q), 1, 3 * machine.size))
+        jacobian[:, 0, machine.size] = sign * np.sign(v[:, 0])
+        return sign * np.abs(v[:, :1]) - 3.0, jacobian
+
+    kinked = zs.PathRows("kinked", rows, curvature_bound=lambda m, v, a, j: j[:, :1])
+    problem = replace(crane(), start_velocity=[-0.3])
+    motion, problem = zs.plan(problem).trajectory, replace(problem, constraints=[kinked])
+    _, rates, _ = motion(np.linspace(0.0, motion.duration, 50))
+    assert rates.min() < 0.0 < rates.max()
+    if sign > 0.0:
+        assert guarantee(certify_for(problem, motion), "kinked").value > 0.0
+        return
+    with pytest.raises(zs.ProblemError, match="its curvature_bound is too small"):
+        certify_for(problem, motion)
+
+
 def test_what_is_proven_is_below_what_is_sampled_and_close() -> None:
     plan = zs.plan(crane(rate_rows(LIMIT)))
     t = np.linspace(0.0, plan.duration, 20_001)

@@ -22,6 +22,9 @@ CurvatureBound = Callable[[Machine, Array, Array, Array], Any]
 GUARD = 1e-6  # of the scale, kept inside the constraint so that rounding does not break it
 RESOLUTION = 1e-3  # of the scale, by which a guarantee may fall short of the samples
 ROUNDING = 1e-9  # of the scale, which stands for the rounding errors of a function unknown to us
+# by how much the room may pass the user's bound, relative to both bound and scale: rounding, and
+# far less than a wrong formula
+SLACK = 1e-7
 DIFFERENCE = 1e-6  # forward step on the user's Jacobian; variables are of order one
 
 
@@ -41,7 +44,8 @@ class PathRows:
         zs.Problem(..., constraints=[zs.PathRows("wires", below_the_wires, labels=["height"])])
 
     The planner holds the rows at the nodes and in the middle of every interval. With
-    `curvature_bound` the certificate proves them for all times. Without, it looks at them 2000
+    `curvature_bound` the certificate proves them for all times, as far as that bound is right; one
+    that the motion itself refutes is an error. Without, the certificate looks at the rows 2000
     times a second, and says so: the guarantee has `proven=False`.
 
     Attributes:
@@ -239,11 +243,41 @@ class UserRows:
         return np.where(np.isfinite(values), -values, -np.inf)
 
     def least_between(self, stretch: Stretch, ends: Array) -> tuple[Array, Array]:
-        """Room at the ends less delta^2 / 8 times the user's bound on curvature."""
+        """Room at the ends less delta^2 / 8 times the user's bound on curvature.
+
+        Raises:
+            ProblemError: The room in the middle of a stretch refutes the user's bound.
+        """
         bend = self.given.bend(self.machine, stretch.v, stretch.a, stretch.j, len(self.labels))
         reachable = ends - ROUNDING * self.given.scale
         sag = 0.125 * stretch.length[:, None] ** 2 * bend
+        self._check_sag(stretch, sag)
         return np.where(np.isnan(sag), -np.inf, reachable - sag), reachable
+
+    def _check_sag(self, stretch: Stretch, sag: Array) -> None:
+        """Compare the room in the middle of K stretches with the bound that the user promises.
+
+        Args:
+            stretch: K stretches of motions with linear accelerations.
+            sag: Largest distance of the room inside from its chord that the bound allows, (K, R).
+
+        Raises:
+            ProblemError: The room is further below its chord than that.
+        """
+        room = np.stack([self.room(at) for at in (stretch.start, _middle(stretch), stretch.end)])
+        below = 0.5 * (room[0] + room[2]) - room[1]
+        excess = below - (1.0 + SLACK) * sag - SLACK * self.given.scale
+        excess[~np.isfinite(room).all(axis=0) | np.isnan(sag)] = -np.inf
+        k, row = np.unravel_index(int(excess.argmax()), excess.shape)
+        if excess[k, row] > 0.0:
+            bends, allowed = (8.0 * part[k, row] / stretch.length[k] ** 2 for part in (below, sag))
+            unit = f" {self.units[row]}/s^2" if self.units[row] else " per s^2"
+            raise ProblemError(
+                f"constraint {self.given.name!r}: its curvature_bound is too small: within "
+                f"{stretch.length[k]:.3g} s of this motion {self.labels[row]} bends by "
+                f"{bends:.4g}{unit} in the mean, and the bound there is {allowed:.4g}. Correct the "
+                "bound, or leave it out: the constraint is then only sampled"
+            )
 
     def _linearize(
         self, sample: StageSample, q: Array, w: Array, alpha: Array, S: Array
@@ -273,6 +307,14 @@ class UserRows:
         by_S = values - 0.5 * np.einsum("krj,kj->kr", by_v, rate)
         jacobian[:, :, -1] = by_S - np.einsum("krj,kj->kr", by_a, acceleration)
         return S[:, None] * values / self.given.scale, jacobian / self.given.scale
+
+
+def _middle(stretch: Stretch) -> MotionSample:
+    """States in the middle of K stretches whose accelerations are linear in time."""
+    start, end, h = stretch.start, stretch.end, stretch.length[:, None]
+    q = 0.5 * (start.q + end.q) + 0.125 * h * (start.v - end.v)
+    v = 0.5 * (start.v + end.v) + 0.125 * h * (start.a - end.a)
+    return replace(start, q=q, v=v, a=0.5 * (start.a + end.a))
 
 
 def _texts(given: Any, name: str) -> tuple[str, ...]:
