@@ -71,6 +71,52 @@ def test_parquet_has_the_rows_of_the_lines(tmp_path):
     assert parquet.read_table(out).to_pylist() == [row]
 
 
+def test_a_refused_scenario_takes_no_columns_from_the_others(tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    broken = tmp_path / "broken.toml"
+    broken.write_text("[machine\n", encoding="utf-8")
+    out = tmp_path / "plans.parquet"
+    assert main(["batch", str(broken), "paper_1", "--out", str(out), "--workers", "1"]) == 1
+    found = parquet.read_table(out)
+    assert [str(found.schema.field(name).type) for name in ("duration", "margin")] == ["double"] * 2
+    rows = {row["status"]: row for row in found.to_pylist()}
+    assert rows["refused"]["duration"] is None
+    assert rows["fastest_possible"]["duration"] > 0.0
+    # a file of refused scenarios alone has the same columns
+    alone = tmp_path / "refused.parquet"
+    assert main(["batch", str(broken), "--out", str(alone), "--workers", "1"]) == 1
+    assert parquet.read_schema(alone).names == found.schema.names
+
+
+def test_a_batch_goes_on_only_where_nothing_has_changed(tmp_path, capsys):
+    """Limits in a file beside the URDF, and options of planning, change what a result says."""
+    package = Path(zs.__file__).parent
+    shipped = package.parent / "urdf" / "feller_buncher.urdf"
+    urdf = tmp_path / "machine.urdf"
+    urdf.write_text(shipped.read_text("utf-8"), "utf-8")
+    limits = shipped.with_name("feller_buncher.joint_limits.yaml").read_text("utf-8")
+    (tmp_path / "machine.joint_limits.yaml").write_text(limits, "utf-8")
+    scenario = tmp_path / "own.toml"
+    text = (package / "scenarios" / "paper_1.toml").read_text("utf-8")
+    scenario.write_text(text.replace('name = "feller_buncher"', 'urdf = "machine.urdf"'), "utf-8")
+    assert scenario.read_text("utf-8") != text
+
+    def durations(*options: str) -> list[float]:
+        out = tmp_path / "plans.jsonl"
+        main(["batch", str(scenario), "--out", str(out), "--resume", "--workers", "1", *options])
+        return [row["duration"] for row in lines(out)]
+
+    first = durations()
+    assert durations() == first
+    assert "1 of 1 are there already" in capsys.readouterr().out
+    assert len(durations("--time-budget", "5")) == 1
+    assert "already" not in capsys.readouterr().out
+    slower = limits.replace("1.5707963267948966", "0.15707963267948966")
+    (tmp_path / "machine.joint_limits.yaml").write_text(slower, "utf-8")
+    (again,) = durations()
+    assert again > 1.5 * first[0]
+
+
 def test_a_journal_survives_a_kill_and_refuses_damage(tmp_path):
     out = tmp_path / "rows.jsonl"
     with Journal(out, resume=False) as journal:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,10 +12,10 @@ from typing import Any
 from zmp_sqp.commands.console import add_command, make_console
 from zmp_sqp.commands.exit_codes import DONE, INTERRUPTED, UNSAFE
 from zmp_sqp.commands.live import live_line
-from zmp_sqp.commands.study_options import add_study_options, row_of
+from zmp_sqp.commands.study_options import add_study_options, refused_row, row_of
 from zmp_sqp.errors import ZmpSqpError
 from zmp_sqp.planning import Problem
-from zmp_sqp.scenario import load_scenario
+from zmp_sqp.scenario import load_scenario, read_content
 from zmp_sqp.studies import plan_many
 from zmp_sqp.studies.journal import Journal
 
@@ -34,17 +34,19 @@ examples:
 ROW_KEYS = """\
 one row per scenario; SI units, null where there is no value:
   scenario             the scenario as given
-  content              hash of the file: with --resume, a changed file is planned again
+  content              hash of the scenario, of the files that it names (URDF with SRDF and limits,
+                       heightmap) and of --qp-solver and --time-budget: where it differs, --resume
+                       plans the scenario again
   name, success, status, duration, lower_bound, above_bound, margin, margin_asked, intervals,
   iterations, solve_time, qp_solver, payload, message: columns of `zmp_sqp.table`; status is
   `refused` where there is no problem to plan
 """
-REFUSED = "refused"
+LONGEST_PATH = 200  # characters of a text that may be the name of a file
 
 
 @dataclass(frozen=True, slots=True)
 class _Entry:
-    """Scenario as given on the command line, and the hash of its file; empty without a file."""
+    """Scenario as given on the command line, and the hash of what its result depends on."""
 
     given: str
     content: str
@@ -72,14 +74,17 @@ def add_batch(commands: Any, shipped: str) -> None:
         "--out", type=Path, required=True, metavar="FILE", help=".jsonl or .parquet file"
     )
     command.add_argument(
-        "--resume", action="store_true", help="go on with a file: plan what has no row in it"
+        "--resume", action="store_true", help="continue an interrupted run: plan only scenarios without a row in FILE"
     )
     add_study_options(command)
 
 
 def run_batch(arguments: argparse.Namespace) -> int:
     """Plan, write and count; returns the exit code."""
-    entries = [_Entry(given, _hash(given)) for given in dict.fromkeys(arguments.scenarios)]
+    options = f"{arguments.qp_solver} {arguments.time_budget}"
+    entries = [
+        _Entry(given, _hash(given, options)) for given in dict.fromkeys(arguments.scenarios)
+    ]
     journal = Journal(arguments.out, resume=arguments.resume)
     there = {(row.get("scenario"), row.get("content")) for row in journal.rows}
     todo = [entry for entry in entries if (entry.given, entry.content) not in there]
@@ -95,7 +100,9 @@ def run_batch(arguments: argparse.Namespace) -> int:
         except KeyboardInterrupt:
             interrupted = True
     safe = sum(bool(row["success"]) for row in journal.rows)
-    console.print(f"{safe} of {len(entries)} scenarios have a safe motion", soft_wrap=True)
+    missing = len(entries) - len(journal.rows)
+    left = f" ({missing} are not planned)" if missing else ""
+    console.print(f"{safe} of {len(entries)} scenarios have a safe motion{left}", soft_wrap=True)
     for row in journal.rows:
         if not row["success"]:
             console.print(f"{row['scenario']}: {row['message']}", soft_wrap=True)
@@ -111,14 +118,38 @@ def _is_old(row: dict[str, Any], todo: list[_Entry]) -> bool:
     return any(row.get("scenario") == entry.given for entry in todo)
 
 
-def _hash(given: str) -> str:
-    """Hash of a scenario's file; that of its name for a shipped one, empty for no file."""
-    path = Path(given)
+def _hash(given: str, options: str) -> str:
+    """Hash of what a scenario's result depends on: its files, and options of planning."""
+    found = hashlib.sha256(f"{given if not Path(given).is_file() else ''} {options}".encode())
+    for path in _files(given):
+        try:
+            found.update(path.read_bytes())
+        except OSError as cause:
+            found.update(str(cause).encode())
+    return found.hexdigest()[:16]
+
+
+def _files(given: str) -> list[Path]:
+    """The file of a scenario, files that it names, and those that lie beside its URDF."""
     try:
-        content = path.read_bytes() if path.is_file() else given.encode()
-    except OSError:
-        return ""
-    return hashlib.sha256(content).hexdigest()[:16]
+        content, path = read_content(given)
+    except ZmpSqpError:
+        return [Path(given)] if Path(given).is_file() else []
+    named = [path.parent / text for text in _texts(content)]
+    files = [file for file in named if file.is_file()]
+    beside = [
+        other for file in files for other in sorted(file.parent.glob(f"{file.stem}.*"))
+    ]
+    return list(dict.fromkeys([path, *files, *beside]))
+
+
+def _texts(content: Any) -> Iterator[str]:
+    """All texts in tables and lists of a scenario that may be names of files."""
+    if isinstance(content, str) and len(content) < LONGEST_PATH and "\0" not in content:
+        yield content
+    elif isinstance(content, Mapping | list):
+        for part in content.values() if isinstance(content, Mapping) else content:
+            yield from _texts(part)
 
 
 def _rows(entries: list[_Entry], arguments: argparse.Namespace) -> Iterator[dict[str, Any]]:
@@ -129,13 +160,7 @@ def _rows(entries: list[_Entry], arguments: argparse.Namespace) -> Iterator[dict
             try:
                 scenario = load_scenario(entry.given)
             except ZmpSqpError as fault:
-                yield {
-                    **_key(entry),
-                    "name": Path(entry.given).stem,
-                    "success": False,
-                    "status": REFUSED,
-                    "message": str(fault),
-                }
+                yield {**_key(entry), **refused_row(Path(entry.given).stem, str(fault))}
             else:
                 found.append((entry, scenario.name, scenario.problem))
             line.say("reading scenarios")

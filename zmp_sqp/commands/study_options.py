@@ -21,6 +21,7 @@ __all__ = [
     "add_result_options",
     "add_study_options",
     "positive",
+    "refused_row",
     "row_of",
     "run_study",
     "write_csv",
@@ -152,6 +153,12 @@ def row_of(name: str, plan: Plan) -> dict[str, Any]:
     """Row of a plan in the table of a study: plain Python values, None where there is none."""
     columns: Mapping[str, Any] = table({name: plan})
     return {key: _plain(column[0]) for key, column in columns.items()}
+
+
+def refused_row(name: str, message: str) -> dict[str, Any]:
+    """Row like those of `row_of` for what cannot be planned, with the reason as message."""
+    values = {"name": name, "success": False, "status": REFUSED, "message": message}
+    return {**dict.fromkeys(table({})), **values}
 
 
 def _plain(value: Any) -> Any:

@@ -99,7 +99,14 @@ class Journal:
         """Turn the lines into the Parquet file, and remove them."""
         import pyarrow
 
-        table = pyarrow.Table.from_pylist(self.rows)
+        # all rows have all columns; a column without any value is one of numbers
+        names = dict.fromkeys(name for row in self.rows for name in row)
+        table = pyarrow.Table.from_pylist([{**dict.fromkeys(names), **row} for row in self.rows])
+        kinds = [
+            pyarrow.field(kind.name, pyarrow.float64()) if pyarrow.types.is_null(kind.type) else kind
+            for kind in table.schema
+        ]
+        table = table.cast(pyarrow.schema(kinds))
         unfinished = self.path.with_name(f"{self.path.name}.part")
         _parquet().write_table(table, unfinished)
         unfinished.replace(self.path)
