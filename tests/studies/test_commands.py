@@ -215,6 +215,9 @@ def test_keys_name_numbers_of_a_file(key, value, where):
         (["--x", "motion.goal_deg[elbow]", "0", "1"], "no joint 'elbow'"),
         (["--x", "motion.goal_deg[9]", "0", "1"], "entries"),
         (["--x", "ground.roll_deg", "0", "1", "99999"], "more than"),
+        (["--x", "ground.roll", "0", "1"], "unknown key (did you mean roll_deg?)"),
+        (["--x", "machine.payload.mas", "0", "1"], "unknown key (did you mean mass?)"),
+        (["--x", "machine.name", "0", "1"], "must be"),
     ],
 )
 def test_wrong_axes_are_refused_in_a_sentence(options, complaint, capsys):
@@ -222,3 +225,11 @@ def test_wrong_axes_are_refused_in_a_sentence(options, complaint, capsys):
     error = capsys.readouterr().err
     assert complaint in error
     assert "Traceback" not in error
+
+
+def test_a_payload_of_0_kg_is_none():
+    content, path = read_content("paper_1")
+    problem = scenario_of(varied(content, {"machine.payload.mass": 0.0}, JOINTS), path).problem
+    assert problem.machine.payload_mass == 0.0
+    loaded = load_scenario("paper_1").problem.machine
+    assert problem.machine.mass == pytest.approx(loaded.mass - loaded.payload_mass)

@@ -56,7 +56,7 @@ def build_machine(table: Mapping[str, Any], folder: Path) -> Machine:
     if "limits" in table:
         changes = without_unplanned(table["limits"], machine.unplanned)
         machine = replace(machine, limits=machine.limits.updated(changes, machine.joint_names))
-    if "payload" in table:
+    if "payload" in table and table["payload"].get("mass") != 0.0:  # none, as in a study from 0 kg
         machine = machine.with_payload(Payload(**table["payload"]))
     return machine.with_point_masses() if table.get("point_masses", False) else machine
 

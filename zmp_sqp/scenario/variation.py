@@ -8,6 +8,7 @@ from copy import deepcopy
 from typing import Any
 
 from zmp_sqp.errors import ScenarioError
+from zmp_sqp.scenario.schema import SCHEMA, check_table
 
 __all__ = ["check_key", "varied"]
 
@@ -28,9 +29,10 @@ def check_key(content: Mapping[str, Any], key: str, joints: Sequence[str]) -> No
         joints: Names of the machine's joints.
 
     Raises:
-        ScenarioError: The key is misspelt, or names an entry that a list does not have.
+        ScenarioError: The key is misspelt or unknown, takes no number, or names an entry that a
+            list does not have.
     """
-    varied(content, {key: 0.0}, joints)
+    check_table(varied(content, {key: 0.0}, joints), SCHEMA)
 
 
 def varied(
