@@ -191,6 +191,10 @@ def test_a_time_budget_ends_the_search(tmp_path: Path, capsys: pytest.CaptureFix
     arguments = ["plan", str(path), "--no-diagnosis", "--json", "-", "--time-budget"]
     assert cli.main([*arguments, "1e-3"]) == 1
     assert json.loads(capsys.readouterr().out)["status"] == "time_budget"
+    # nor does a search that ran out of time say what a lighter payload would make possible
+    arguments.remove("--no-diagnosis")
+    assert cli.main([*arguments, "1e-3"]) == 1
+    assert not json.loads(capsys.readouterr().out)["diagnosis"]
     assert cli.main([*arguments, "-1"]) == 2
     assert "time_budget must be positive, not -1.0 s" in capsys.readouterr().err
 

@@ -376,3 +376,25 @@ def test_a_driving_base_is_planned_anew_on_its_way():
     assert again.duration <= (first.duration - at) * (1.0 + 1e-3)
     stop = planner.plan(joints, q, v, base=now, time_budget=1e-6)
     assert stop.success
+
+
+@pytest.mark.parametrize("off", [0.0, 2e-16, 1e-9, 1e-7])
+@pytest.mark.parametrize("budget", [None, 0.02])
+def test_at_its_goal_a_machine_is_there_whatever_was_rounded(off: float, budget: float | None):
+    problem = load_scenario("paper_1").problem
+    planner = planner_of(problem, constraints=[zs.TorqueLimits()])
+    for k in range(3):
+        q, v = problem.start + off, np.full(5, 0.1 * off)
+        plan = planner.plan(q, problem.start, v, time_budget=budget, elapsed=0.05 if k else None)
+        check(plan, q, v)
+        assert plan.status is zs.Status.FASTEST_POSSIBLE
+        assert plan.duration == plan.lower_bound == 0.0
+
+
+def test_what_is_no_machine_is_refused_by_name():
+    problem = load_scenario("paper_1").problem
+    planner = planner_of(problem)
+    planner.plan(problem.start, problem.goal)
+    planner.machine = "feller_buncher"
+    with pytest.raises(zs.ProblemError, match="machine must be a Machine, not 'feller_buncher'"):
+        planner.plan(problem.start, problem.goal)

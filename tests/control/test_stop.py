@@ -189,3 +189,48 @@ def test_a_machine_at_rest_that_misses_its_margin_gets_no_motion(margin: float) 
     refused = planner.plan(start, problem.goal)
     assert not refused.success
     assert refused.message.startswith("The measured state is refused: the machine ")
+
+
+def test_a_stop_says_which_limits_it_passes() -> None:
+    machine = zs.load_machine("feller_buncher")
+    upper, rates = machine.limits.position_upper, machine.limits.velocity
+    beyond = START.copy()
+    beyond[2] = upper[2] + 0.05
+    stop = zs.plan_stop(machine, beyond, [0.0, 0.0, 0.1, 0.0, 0.0])
+    check(stop, beyond, [0.0, 0.0, 0.1, 0.0, 0.0])
+    there = float(stop.trajectory.positions[-1, 2])
+    named = f"the upper position limit of joint 'stick' ({upper[2]:.4g} rad, here {there:.4g} rad)."
+    assert stop.message.endswith(named)
+    fast = np.array([1.5 * rates[0], 0.0, 0.0, 0.0, 0.0])
+    assert "passes the velocity limit of joint 'slew'" in zs.plan_stop(machine, START, fast).message
+    kept = zs.plan_stop(machine, START, 0.5 * fast)
+    assert "passes" not in kept.message
+    planner = zs.Planner(machine)
+    assert planner.plan(beyond, START, [0.0, 0.0, 0.1, 0.0, 0.0]).message.endswith(named)
+
+
+@pytest.mark.parametrize(
+    ("options", "error", "complaint"),
+    [
+        ({"time_budget": -1.0}, zs.ProblemError, "time_budget must be positive, not -1.0 s"),
+        ({"time_budget": np.nan}, zs.ProblemError, "time_budget"),
+        ({"time_budget": "soon"}, zs.ProblemError, "time_budget must be a number, not 'soon'"),
+        ({"time_budget": 10**400}, zs.ProblemError, "time_budget"),
+        ({"margn": 0.1}, TypeError, "plan_stop.*'margn'"),
+        ({"goal": START}, TypeError, "plan_stop.*'goal'"),
+    ],
+)
+def test_wrong_options_of_a_stop_are_refused(options: Any, error: Any, complaint: str) -> None:
+    machine = zs.load_machine("feller_buncher")
+    with pytest.raises(error, match=complaint):
+        zs.plan_stop(machine, START, np.full(5, 0.1), **options)
+
+
+def test_a_measured_state_beyond_all_measure_is_refused() -> None:
+    machine = zs.load_machine("feller_buncher")
+    with pytest.raises(zs.ProblemError, match=r"position of joint 'slew' is 1e\+200"):
+        zs.plan_stop(machine, np.full(5, 1e200), np.full(5, 0.1))
+    with pytest.raises(zs.ProblemError, match=r"rate of joint 'slew' is 1e\+200"):
+        zs.plan_stop(machine, START, np.full(5, 1e200))
+    with pytest.raises(zs.ProblemError, match="no machine is there"):
+        zs.Planner(machine).plan(np.full(5, 1e200), START)

@@ -106,7 +106,10 @@ def test_files_may_limit_mimic_joints_and_the_argument_has_the_last_word(tmp_pat
     assert machine.limits.velocity[2] == pytest.approx(0.5 / 2.5)
     assert machine.limits.acceleration[2] == pytest.approx(2.0)
     assert np.isnan(machine.limits.acceleration[:2]).all()
-    machine = load(tmp_path, urdf("gripper"), limits={"velocity": {"jaw": 3.0}})
+    with pytest.warns(
+        zs.MachineWarning, match="pass the velocity limit of 'a_other', which mimics"
+    ):
+        machine = load(tmp_path, urdf("gripper"), limits={"velocity": {"jaw": 3.0}})
     assert machine.limits.velocity[2] == 3.0
     with pytest.raises(zs.MachineError, match="unknown joint 'thumb'; joints are turn, lift, jaw"):
         load(tmp_path, urdf("gripper"), limits={"velocity": {"thumb": 3.0}})

@@ -74,7 +74,9 @@ def add_batch(commands: Any, shipped: str) -> None:
         "--out", type=Path, required=True, metavar="FILE", help=".jsonl or .parquet file"
     )
     command.add_argument(
-        "--resume", action="store_true", help="continue an interrupted run: plan only scenarios without a row in FILE"
+        "--resume",
+        action="store_true",
+        help="continue an interrupted run: plan only scenarios without a row in FILE",
     )
     add_study_options(command)
 
@@ -82,9 +84,7 @@ def add_batch(commands: Any, shipped: str) -> None:
 def run_batch(arguments: argparse.Namespace) -> int:
     """Plan, write and count; returns the exit code."""
     options = f"{arguments.qp_solver} {arguments.time_budget}"
-    entries = [
-        _Entry(given, _hash(given, options)) for given in dict.fromkeys(arguments.scenarios)
-    ]
+    entries = [_Entry(given, _hash(given, options)) for given in dict.fromkeys(arguments.scenarios)]
     journal = Journal(arguments.out, resume=arguments.resume)
     there = {(row.get("scenario"), row.get("content")) for row in journal.rows}
     todo = [entry for entry in entries if (entry.given, entry.content) not in there]
@@ -137,9 +137,7 @@ def _files(given: str) -> list[Path]:
         return [Path(given)] if Path(given).is_file() else []
     named = [path.parent / text for text in _texts(content)]
     files = [file for file in named if file.is_file()]
-    beside = [
-        other for file in files for other in sorted(file.parent.glob(f"{file.stem}.*"))
-    ]
+    beside = [other for file in files for other in sorted(file.parent.glob(f"{file.stem}.*"))]
     return list(dict.fromkeys([path, *files, *beside]))
 
 

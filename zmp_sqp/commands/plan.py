@@ -34,7 +34,7 @@ from zmp_sqp.commands.rigorous_option import (
     add_rigorous_option,
     check_rigorous_option,
 )
-from zmp_sqp.planning import Plan, Trajectory, plan
+from zmp_sqp.planning import Plan, Status, Trajectory, plan
 from zmp_sqp.planning.problem.checks import AUTO
 from zmp_sqp.plots import locus, profiles, save
 from zmp_sqp.report.record import RECORD_KEYS
@@ -152,8 +152,8 @@ def _add_planning_options(command: argparse.ArgumentParser) -> None:
         "--no-diagnosis",
         dest="diagnosis",
         action="store_false",
-        help="if no motion is found, do not look for a lighter payload or a gentler slope with "
-        "which there is one",
+        help="if there is no motion, do not look for a lighter payload or a gentler slope with "
+        "which there is one (nor is that done where a time budget ended the search)",
     )
 
 
@@ -208,7 +208,8 @@ def run_plan(arguments: argparse.Namespace) -> int:
     console.print(guarantee_table(result["guarantees"]))
     if found.success:
         console.print(joint_table(result, joint_unit(problem.machine)))
-    if arguments.diagnosis and not found.success:
+    in_time = found.status is not Status.TIME_BUDGET  # else a lighter payload proves nothing
+    if arguments.diagnosis and not found.success and in_time:
         result |= steps.run(DIAGNOSIS, lambda line: diagnosis_of_plan(found, line), dict)
     opinion = None
     if arguments.rigorous and found.success:

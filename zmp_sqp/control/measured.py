@@ -9,7 +9,7 @@ import numpy as np
 from zmp_sqp.arrays import Array
 from zmp_sqp.mechanics.machine import Machine
 
-__all__ = ["with_room_to_stop", "within_limits"]
+__all__ = ["widened_limits", "with_room_to_stop", "within_limits"]
 
 # [rad or m] excess over a position limit, and relative excess over a velocity limit, that is
 # measurement noise or tracking error
@@ -67,3 +67,28 @@ def with_room_to_stop(machine: Machine, q: Array, v: Array) -> Machine:
         "velocity": velocity,
     }
     return replace(machine, limits=limits.updated(changed, machine.joint_names))
+
+
+def widened_limits(given: Machine, widened: Machine) -> str:
+    """Sentence that says which limits a stop leaves; empty if it leaves none.
+
+    Args:
+        given: The machine.
+        widened: The same with limits from `with_room_to_stop`.
+    """
+    found = []
+    for j, name in enumerate(given.joint_names):
+        position, rate = given.joint_units[j], f"{given.joint_units[j]}/s"
+        for kind, unit, words in (
+            ("position_lower", position, "lower position limit"),
+            ("position_upper", position, "upper position limit"),
+            ("velocity", rate, "velocity limit"),
+        ):
+            old, new = (float(getattr(one.limits, kind)[j]) for one in (given, widened))
+            if old != new:
+                found.append(f"{words} of joint {name!r} ({old:.4g} {unit}, here {new:.4g} {unit})")
+    if not found:
+        return ""
+    return (
+        f"No motion from this state keeps all limits; this one passes the {', the '.join(found)}."
+    )

@@ -12,24 +12,32 @@ from typing import Any
 
 import numpy as np
 
-from zmp_sqp.arrays import Array, finite_number, frozen_array
+from zmp_sqp.arrays import Array, frozen_array, shortened
 from zmp_sqp.blas import one_blas_thread
-from zmp_sqp.control.measured import within_limits
+from zmp_sqp.control.measured import widened_limits, within_limits
 from zmp_sqp.control.memory import Memory
 from zmp_sqp.control.question import Question
-from zmp_sqp.control.replan import Earlier, Effort, Remains, ready_motion, replanned
+from zmp_sqp.control.replan import (
+    Earlier,
+    Effort,
+    Remains,
+    coarser,
+    ready_motion,
+    replanned,
+)
 from zmp_sqp.control.stop import INTERVALS as STOP_INTERVALS
 from zmp_sqp.control.stop import StopProblem, backend_of, stop_plan
 from zmp_sqp.errors import ProblemError
 from zmp_sqp.mechanics.ground import Ground, Slope, is_uneven
 from zmp_sqp.mechanics.machine import Machine
+from zmp_sqp.planning.constraints.binding import checked_constraints
 from zmp_sqp.planning.problem.problem import Problem
 from zmp_sqp.planning.problem.undercarriage import Driving
 from zmp_sqp.planning.problem.unicycle_base import UnicycleBase
 from zmp_sqp.planning.program.solution import trajectory
 from zmp_sqp.planning.search.answer import Plan, Status
 from zmp_sqp.planning.search.keep_bound import REFUSED, SHORTEST_STEPS
-from zmp_sqp.planning.search.planner import answer
+from zmp_sqp.planning.search.planner import answer, checked_budget
 from zmp_sqp.planning.search.prove import Proven
 from zmp_sqp.planning.search.run import Candidate, Runs
 from zmp_sqp.planning.search.task import Task, lower_bound_of, task_of
@@ -128,6 +136,11 @@ class Planner:
                 uses this planner.
         """
         with self._sole_use():
+            if not isinstance(self.machine, Machine):
+                raise ProblemError(f"machine must be a Machine, not {shortened(self.machine)}")
+            if not isinstance(self.constraints, list | tuple):
+                # an iterator has its constraints only once: later calls would have none
+                self.constraints = checked_constraints(self.constraints)
             n, joints = self.machine.size, self.machine.joint_names
             q, v = (
                 frozen_array(given, name=name, shape=(n,), error=ProblemError, labels=joints)
@@ -170,10 +183,10 @@ class Planner:
         """Plan of a task, or a stop where none is certified."""
         problem = task.problem
         earlier = self._earlier(problem, elapsed)
-        half = self._step_time * max(problem.first_intervals // 2, 1)
+        half = self._step_time * coarser(problem.first_intervals)
         joins = runs.deadline is None or runs.deadline - runs.clock() > half
         ready = ready_motion(task, earlier, runs, joins=joins, probes=not self._refused_probe)
-        proven, unfinished, spare = ready.proven, None, None
+        proven, unfinished, spare, advice = ready.proven, None, None, ""
         if proven is None or proven.status is Status.KEPT:
             # a machine at rest may stay there, which needs no proof within the budget
             spared = runs.deadline is not None and not task.start.v.any()
@@ -185,11 +198,14 @@ class Planner:
                 runs.ends = runs.started + budget
             effort = self._effort(problem, earlier.guess, runs, optional=optional)
             effort = effort._replace(probes=effort.probes and not ready.probed)
+            advice = "" if effort.fits or budget is None else self._advice(budget, effort)
             proven, unfinished = replanned(task, earlier, ready, runs, effort, spared=spared)
             # every other call has all of its time for the search proper
             self._refused_probe = any(run.status == REFUSED for run in runs.runs)
         self._note_times(runs)
         plan = answer(problem, self.qp_solver, task.lower_bound, proven, runs)
+        if advice and (plan.status is Status.KEPT or not plan.success):
+            plan = replace(plan, message=f"{plan.message}{advice}")
         self._guess = _unfinished(problem, earlier.guess, proven, unfinished)
         if not plan.success:
             return self._instead(plan, spare, earlier.last, fields, runs)
@@ -216,13 +232,22 @@ class Planner:
         left = runs.deadline - runs.clock()
         unfinished = remains is not None and remains.memory.unfinished > 0
         if unfinished or left < self._step_time * intervals:
-            intervals = max(intervals // 2, 1)
+            intervals = coarser(intervals)
         step = self._step_time * intervals
-        if optional and left < LEAST_STEP * step:
-            runs.deadline -= max(left, 0.0)
-        else:
-            runs.deadline -= min(step, 0.5 * max(left, 0.0))
-        return Effort(intervals, probes=not self._refused_probe)
+        fits = not optional or left >= LEAST_STEP * step
+        runs.deadline -= min(step, 0.5 * max(left, 0.0)) if fits else max(left, 0.0)
+        return Effort(intervals, probes=not self._refused_probe, fits=fits)
+
+    def _advice(self, budget: float, effort: Effort) -> str:
+        """Sentence about a search for which the time budget leaves no step, to be appended."""
+        step, proof = self._step_time * effort.intervals, self._proof_time
+        if step == 0.0 or proof == 0.0:
+            return ""  # not known yet
+        return (
+            f" No step of the search fits into the {1e3 * budget:.3g} ms: a step takes about "
+            f"{1e3 * step:.2g} ms, and a certificate, of which there may be two, {1e3 * proof:.2g}."
+            " Give more time."
+        )
 
     def _spare(self, last: Remains | None, fields: Mapping[str, Any], runs: Runs) -> Plan | None:
         """Certified motion for the case that none to the goal is found in time.
@@ -259,8 +284,12 @@ class Planner:
         if not stops.success:
             return plan
         self._remember(stops, None)
-        message = f"{plan.message} {Status.STOP}"
+        message = f"{plan.message} {self._stopping(stops)}"
         return replace(stops, message=message, solve_time=runs.elapsed)
+
+    def _stopping(self, plan: Plan) -> str:
+        """What a stop says of itself."""
+        return f"{Status.STOP} {widened_limits(self.machine, plan.problem.machine)}".rstrip()
 
     @contextmanager
     def _sole_use(self) -> Iterator[None]:
@@ -295,11 +324,9 @@ class Planner:
         self, budget: float | None, progress: Callable[[IterationRecord], None] | None
     ) -> Runs:
         """Runner of the searches, which end early enough for a certificate within the budget."""
+        budget = checked_budget(budget)
         if budget is None:
             return Runs.start(self.qp_solver, None, progress, clock=self.clock)
-        budget = finite_number(budget, name="time_budget", error=ProblemError)
-        if budget <= 0.0:
-            raise ProblemError(f"time_budget must be positive, not {budget} s")
         first = FIRST_RESERVE_OVER_TERRAIN if is_uneven(self.ground) else FIRST_RESERVE
         reserve = RESERVE * self._proof_time if self._proof_time > 0.0 else first * budget
         limit = max(budget - reserve, 1e-6)
@@ -355,7 +382,7 @@ class Planner:
             Problem._check_boundary(unchecked, "start")
         except ProblemError:
             plan = self._stop(fields, runs)
-            ending = Status.STOP if plan.success else plan.message
+            ending = self._stopping(plan) if plan.success else plan.message
             self._remember(plan, None)
             message = f"The measured state is refused: {fault}. {ending}"
             return replace(plan, message=message, solve_time=runs.elapsed)

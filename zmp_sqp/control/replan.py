@@ -22,7 +22,7 @@ from zmp_sqp.planning.proof.certificate import Certificate, certify_for
 from zmp_sqp.planning.search.answer import Status
 from zmp_sqp.planning.search.explore import explore_bound, explore_guesses
 from zmp_sqp.planning.search.keep_bound import at_the_bound
-from zmp_sqp.planning.search.planner import without_search
+from zmp_sqp.planning.search.planner import arrived, without_search
 from zmp_sqp.planning.search.prove import AT_BOUND, Proven, prove
 from zmp_sqp.planning.search.refine import refine
 from zmp_sqp.planning.search.run import Candidate, Runs
@@ -31,7 +31,7 @@ from zmp_sqp.sqp.least_distance import nearest_feasible
 from zmp_sqp.sqp.result import SQPResult, SQPStatus
 from zmp_sqp.sqp.solver import SQPSettings
 
-__all__ = ["Earlier", "Effort", "Remains", "ready_motion", "replanned"]
+__all__ = ["Earlier", "Effort", "Remains", "coarser", "ready_motion", "replanned"]
 
 # the guess is near the solution: few steps, with the excess between the rows' points from the first
 WARM = SQPSettings(
@@ -151,10 +151,12 @@ class Effort(NamedTuple):
     Attributes:
         intervals: Number of intervals of the grid.
         probes: Whether to probe at the bound where tip-over does not shape the rest.
+        fits: Whether a step of the search fits into the time.
     """
 
     intervals: int
     probes: bool = True
+    fits: bool = True
 
 
 class Ready(NamedTuple):
@@ -197,6 +199,11 @@ class Earlier(NamedTuple):
         return None if self.last is None else self.last.kept
 
 
+def coarser(intervals: int) -> int:
+    """Half of the intervals, at least the two that a motion with a fixed duration needs."""
+    return max(intervals // 2, 2)
+
+
 class Answer(NamedTuple):
     """How a search ended.
 
@@ -224,7 +231,7 @@ def ready_motion(
         joins: Whether there is time to look for a motion near an earlier one.
         probes: Whether to probe at the bound where the earlier motion was there.
     """
-    known = without_search(task)
+    known = arrived(task.problem) or without_search(task)
     if known is not None:
         return Ready(known)
     at_bound, last, guess = task.lower_bound * (1.0 + AT_BOUND), earlier.last, earlier.guess
@@ -357,7 +364,7 @@ def _joined(task: Task, rest: Rest, runs: Runs) -> Ready:
     near: Candidate | None = None
     for slower in SLOWER:
         duration = max(rest.duration * (1.0 + slower), task.lower_bound)
-        program, point = rest.on(task, Grid.of(task.problem.first_intervals // 2), duration)
+        program, point = rest.on(task, Grid.of(coarser(task.problem.first_intervals)), duration)
         found = nearest_feasible(program, point, runs.backend)
         y, z = np.zeros(program.equalities), rest.multipliers(program)
         status = SQPStatus.FEASIBLE if found.feasible else SQPStatus.TIME_LIMIT

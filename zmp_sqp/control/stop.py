@@ -11,7 +11,7 @@ import numpy as np
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.blas import one_blas_thread
-from zmp_sqp.control.measured import with_room_to_stop
+from zmp_sqp.control.measured import widened_limits, with_room_to_stop
 from zmp_sqp.errors import ProblemError
 from zmp_sqp.mechanics.ground import Ground, Slope
 from zmp_sqp.mechanics.machine import Machine
@@ -26,7 +26,7 @@ from zmp_sqp.planning.program.staged import Motion, StagedProgram
 from zmp_sqp.planning.proof.certificate import Certificate, certify_for
 from zmp_sqp.planning.search.answer import Plan, Status
 from zmp_sqp.planning.search.keep_bound import ABOVE
-from zmp_sqp.planning.search.planner import answer
+from zmp_sqp.planning.search.planner import answer, checked_budget
 from zmp_sqp.planning.search.prove import Proven, prove
 from zmp_sqp.planning.search.run import Candidate, Runs
 from zmp_sqp.planning.search.task import Task, task_of
@@ -47,6 +47,7 @@ SETTINGS = SQPSettings(converged=1e-3, max_iterations=25)
 SMALL = 0.1  # violation of a guess, as scaled in the program, from which few steps are needed
 SAME = 1e-9  # [s] times that are closer together are one node
 SHARES = np.array([0.0, 0.5, 1.0])  # of an interval, at which the ZMP is sampled before a proof
+FARTHEST = 1e5  # [rad or m, and per second] beyond which a measured state is a fault
 LEVEL = Slope()
 
 
@@ -96,18 +97,14 @@ def plan_stop(
 
     Raises:
         ProblemError: Wrong arguments.
+        TypeError: An option that `Problem` does not have.
     """
-    fields = {
-        "machine": machine,
-        "start": q,
-        "start_velocity": v,
-        "ground": ground,
-        "base": base,
-        "margin": margin,
-        "intervals": intervals,
-        **options,
-    }
-    runs = Runs.start(backend_of(qp_solver), time_budget, None, clock=clock)
+    for name in options:
+        if name == "goal" or name not in Problem.__match_args__:
+            raise TypeError(f"plan_stop() got an unexpected keyword argument {name!r}")
+    fields = {"machine": machine, "start": q, "start_velocity": v, "ground": ground, "base": base}
+    fields |= {"margin": margin, "intervals": intervals, **options}
+    runs = Runs.start(backend_of(qp_solver), checked_budget(time_budget), None, clock=clock)
     return stop_plan(fields, runs, qp_solver)
 
 
@@ -134,12 +131,22 @@ def stop_plan(
         ProblemError: Wrong arguments.
     """
     problem: Problem = StopProblem(**fields, goal=fields["start"])
-    machine = with_room_to_stop(problem.machine, problem.start, problem.start_velocity)
-    if machine is not problem.machine:
+    given = problem.machine
+    for name, state in (("position", problem.start), ("rate", problem.start_velocity)):
+        j = int(np.abs(state).argmax())
+        if abs(state[j]) > FARTHEST:
+            raise ProblemError(
+                f"the {name} of joint {given.joint_names[j]!r} is {state[j]:g}: no machine is there"
+            )
+    machine = with_room_to_stop(given, problem.start, problem.start_velocity)
+    if machine is not given:
         problem = replace(problem, machine=machine)
     task = _stopping(problem)
     proven, problem = _stop(task, runs, quick=quick)
-    return answer(problem, qp_solver, task.lower_bound, proven, runs)
+    plan = answer(problem, qp_solver, task.lower_bound, proven, runs)
+    if plan.success and (widened := widened_limits(given, machine)):
+        return replace(plan, message=f"{plan.message} {widened}")
+    return plan
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -90,5 +90,6 @@ def spatial_inertia(mass: float, com: Array, inertia: Array) -> Any:
         inertia: Symmetric rotational inertia about the centre of mass, shape (3, 3) [kg m^2].
     """
     body = pin.Inertia.Zero()
-    body.mass, body.lever, body.inertia = mass, com, inertia
+    body.mass, body.lever = mass, com
+    body.inertia = 0.5 * (inertia + inertia.T)  # what is not symmetric to the last bit is refused
     return body

@@ -115,6 +115,13 @@ class QPSolution:
         x, y, z = (np.full(count, np.nan) for count in (qp.size, len(qp.b), len(qp.u)))
         return cls(x, y, z, False, iterations, backend)
 
+    @classmethod
+    def of_no_variables(cls, qp: QP, backend: str, tolerance: float) -> QPSolution:
+        """Solution of a QP without variables, which some solvers crash on."""
+        missed = max(float(np.abs(qp.b).max(initial=0.0)), float((-qp.u).max(initial=0.0)))
+        nothing, y, z = np.zeros(0), np.zeros(len(qp.b)), np.zeros(len(qp.u))
+        return cls(nothing, y, z, missed <= tolerance, 0, backend)
+
     def is_finite(self) -> bool:
         """Whether x, y and z are finite."""
         with np.errstate(invalid="ignore"):

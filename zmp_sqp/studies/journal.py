@@ -103,7 +103,9 @@ class Journal:
         names = dict.fromkeys(name for row in self.rows for name in row)
         table = pyarrow.Table.from_pylist([{**dict.fromkeys(names), **row} for row in self.rows])
         kinds = [
-            pyarrow.field(kind.name, pyarrow.float64()) if pyarrow.types.is_null(kind.type) else kind
+            pyarrow.field(kind.name, pyarrow.float64())
+            if pyarrow.types.is_null(kind.type)
+            else kind
             for kind in table.schema
         ]
         table = table.cast(pyarrow.schema(kinds))

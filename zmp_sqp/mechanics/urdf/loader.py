@@ -111,11 +111,12 @@ def _load(
         stand = _support(support, description, model, MeshFolders(path.parent, folders))
         _judge(description, mimics, path, strict=strict)
     unplanned = {joint.name for joint in description.joints} - set(mimics.joints)
+    within, passed = _limits(limits, path, mimics, _urdf_limits(chosen.moving), unplanned)
     machine = Machine(
         name=description.name,
         model=model,
         joint_names=mimics.leaders,
-        limits=_limits(limits, path, mimics, _urdf_limits(chosen.moving), unplanned),
+        limits=within,
         support=stand.polygon,
         coupling=mimics.coupling(model),
         held=chosen.held,
@@ -124,6 +125,7 @@ def _load(
     )
     doubts = (
         stand.said,
+        passed,
         _lower_links(machine) if support is None else "",
         doubtful_support(machine.support, machine_size(machine.model)),
         doubtful_limits(machine.joint_names, machine.joint_units, machine.limits, machine.mass),
@@ -231,8 +233,11 @@ def _urdf_limits(movable: Sequence[Any]) -> JointLimits:
 
 def _limits(
     limits: Any, path: Path, mimics: Mimics, urdf: JointLimits, unplanned: Collection[str]
-) -> JointLimits:
-    """Joint limits from the `limits` argument of `load_machine`, from YAML files and the URDF."""
+) -> tuple[JointLimits, str]:
+    """Joint limits from the `limits` argument of `load_machine`, from YAML files and the URDF.
+
+    Also a sentence about joints that mimic others and pass limits of their own; empty if none do.
+    """
     is_file = isinstance(limits, str | os.PathLike)
     beside = (path.with_name(f"{path.stem}.joint_limits.yaml"), path.with_name("joint_limits.yaml"))
     found = next((candidate for candidate in beside if candidate.is_file()), None)
@@ -241,5 +246,6 @@ def _limits(
     with _blame(path):
         leading = mimics.leading(known)
     if limits is None or is_file:
-        return leading
-    return leading.updated(without_unplanned(limits, unplanned), mimics.leaders)
+        return leading, ""
+    given = leading.updated(without_unplanned(limits, unplanned), mimics.leaders)
+    return given, mimics.passed(known, given)

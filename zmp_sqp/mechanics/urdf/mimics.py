@@ -123,6 +123,28 @@ class Mimics:
         effort = np.where(np.isnan(effort), led, effort)
         return JointLimits(lower, upper, velocity, acceleration, effort)
 
+    def passed(self, known: JointLimits, given: JointLimits) -> str:
+        """Sentence about joints that pass limits of their own within given limits of the leaders.
+
+        Args:
+            known: Limits of all movable joints, (m,).
+            given: Limits of the leaders, (n,), some of which a user has set.
+        """
+        found = []
+        for name, mimic in self.follows.items():
+            at, i, m = self.leaders.index(mimic.joint), self.joints.index(name), mimic.multiplier
+            reach = given.position_lower[at], given.position_upper[at]
+            ends = sorted(m * end + mimic.offset for end in reach)
+            for words, value, limit in (
+                ("lower position", -ends[0], -known.position_lower[i]),
+                ("upper position", ends[1], known.position_upper[i]),
+                ("velocity", abs(m) * given.velocity[at], known.velocity[i]),
+                ("acceleration", abs(m) * given.acceleration[at], known.acceleration[i]),
+            ):
+                if value > limit + ROUNDING * max(1.0, abs(limit)):  # never where NaN is no limit
+                    found.append(f"the {words} limit of {name!r}, which mimics {mimic.joint!r}")
+        return f"the limits that are given pass {', '.join(found)}" if found else ""
+
 
 def _end_of_chain(name: str, known: Mapping[str, Mimic]) -> Mimic:
     """Leader of a joint, with the multiplier and the offset of the whole chain of mimics."""

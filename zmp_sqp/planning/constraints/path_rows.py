@@ -239,8 +239,23 @@ class UserRows:
 
     def room(self, sample: MotionSample) -> Array:
         """Minus the values, shape (K, R)."""
-        values, _ = self.given.values(self.machine, sample.q, sample.v, sample.a)
+        values, _ = self._values(sample.q, sample.v, sample.a)
         return np.where(np.isfinite(values), -values, -np.inf)
+
+    def _values(self, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
+        """Values (K, R) and Jacobian (K, R, 3n) of the user's function.
+
+        Raises:
+            ProblemError: The function failed, or gives another number of rows than before.
+        """
+        values, jacobian = self.given.values(self.machine, q, v, a)
+        if values.shape[1] != len(self.labels):
+            raise ProblemError(
+                f"constraint {self.given.name!r}: its function gives {values.shape[1]} rows for "
+                f"{len(q)} states, and {len(self.labels)} rows for one state: it must always give "
+                "the same rows, also those that are kept"
+            )
+        return values, jacobian
 
     def least_between(self, stretch: Stretch, ends: Array) -> tuple[Array, Array]:
         """Room at the ends less delta^2 / 8 times the user's bound on curvature.
@@ -290,8 +305,7 @@ class UserRows:
         sqrt_S = np.sqrt(S)[:, None]
         coordinates, arm = sample.model.coordinates, slice(0, self.G.shape[1])
         rate, acceleration = w / sqrt_S, alpha / S[:, None]
-        values, by_state = self.given.values(
-            self.machine,
+        values, by_state = self._values(
             coordinates.joints(q[:, arm]),
             coordinates.rates(rate[:, arm]),
             coordinates.rates(acceleration[:, arm]),

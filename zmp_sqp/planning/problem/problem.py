@@ -84,7 +84,8 @@ class Problem:
             that stands at x = y = yaw = 0.
         tipping_fraction: Largest ratio of the payload to the load that tips the machine over
             (ISO 10567: 0.75). The motion is also safe with the payload divided by this ratio.
-        payload_uncertainty: Largest relative error of the payload's mass and inertia.
+        payload_uncertainty: Largest relative error of the payload: one unknown factor between 1 - u
+            and 1 + u for masses and inertias of all payloads.
         slope_uncertainty: Largest angle between the actual and the nominal gravity, in any
             direction [rad].
         payload_com_uncertainty: Largest error of the payload's centre of mass along each axis of

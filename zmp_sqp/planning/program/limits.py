@@ -221,7 +221,7 @@ class LimitRows:
         for point in POSITION_POINTS:
             for which, sign in ((self.upper, 1.0), (self.lower, -1.0)):
                 by_rate = sign * point * stages.grid.steps[:, None] * stages.rate_scale[which]
-                positions = constant[at].reshape(N, len(which), -1)
+                positions = constant[at].reshape(N, len(which), self.columns[at].shape[1])
                 positions[..., 0], positions[..., 1] = sign * STATE, by_rate * STATE
                 k, given = (0, self.first) if point > 0.0 else (-1, self.last)
                 through[at].reshape(N, len(which))[k] += by_rate[k] * given[which]

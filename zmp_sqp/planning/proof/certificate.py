@@ -10,7 +10,7 @@ import numpy as np
 from zmp_sqp.arrays import Array, finite_number
 from zmp_sqp.errors import ProblemError
 from zmp_sqp.mechanics.coordinates import Coordinates
-from zmp_sqp.mechanics.ground import Ground, Slope
+from zmp_sqp.mechanics.ground import Ground, Slope, is_uneven
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.uncertainty import Corner
 from zmp_sqp.motion.root_motion import check_tracks, with_ground
@@ -20,6 +20,7 @@ from zmp_sqp.planning.constraints.guarantee import Guarantee
 from zmp_sqp.planning.constraints.protocol import ConstraintRows, MotionSample, PathConstraint
 from zmp_sqp.planning.constraints.tip_over import Contact, TipOver, supported
 from zmp_sqp.planning.problem.problem import Problem
+from zmp_sqp.planning.problem.undercarriage import Standing
 from zmp_sqp.planning.problem.unicycle_base import UnicycleBase
 from zmp_sqp.planning.proof.base_check import base_guarantees
 from zmp_sqp.planning.proof.corner_efforts import CornerEfforts, grouped
@@ -219,6 +220,8 @@ def certify_at(
     driven = with_ground(trajectory, first.ground)
     if driven.base is not None:
         check_tracks(driven.base, supported(first.machine))
+    elif is_uneven(first.ground):
+        Standing(first.ground).check(first.machine, "full")
     check_drift(driven)
     required = finite_number(margin, name="margin", error=ProblemError)
     every: tuple[PathConstraint, ...] = (TipOver(), Contact(), *constraints)

@@ -121,8 +121,9 @@ class LeastValue:
         return loose, np.clip(np.nan_to_num(parts, nan=MOST_PARTS), 2, MOST_PARTS).astype(int)
 
     def keep(self, bounds: Array) -> None:
-        """Update by the bounds of stretches that are not cut any further."""
-        self.guaranteed = min(self.guaranteed, float(bounds.min(initial=np.inf)))
+        """Update by the bounds of stretches that are not cut any further; NaN bounds nothing."""
+        least = float(bounds.min(initial=np.inf))
+        self.guaranteed = -np.inf if np.isnan(least) else min(self.guaranteed, least)
 
 
 def subdivide(

@@ -27,12 +27,11 @@ class Status(enum.Enum):
         "give more time, or try another QP solver."
     )
     KEPT = (
-        "Kept: the rest of the last motion, which is safe; the time budget ended before a faster "
-        "motion to the goal was found."
+        "Kept: the rest of the last motion, or a motion close to it, which is safe; the time "
+        "budget ended before a faster motion to the goal was found."
     )
     STOP = (
-        "Stopping: no safe motion to the goal was found in time, so the machine comes to rest as "
-        "fast as it safely can; it does not reach the goal."
+        "Stopping: the machine comes to rest as fast as it safely can; it does not reach the goal."
     )
     INFEASIBLE = (
         "Not solved: the search ended at a motion that still tips the machine over or breaks "

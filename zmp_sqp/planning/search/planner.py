@@ -11,6 +11,7 @@ from zmp_sqp.blas import one_blas_thread
 from zmp_sqp.errors import ProblemError
 from zmp_sqp.motion.trajectory import Trajectory
 from zmp_sqp.planning.problem.problem import Problem
+from zmp_sqp.planning.proof.boundary_states import ARRIVAL
 from zmp_sqp.planning.proof.certificate import certify_for
 from zmp_sqp.planning.search.answer import Plan, Status
 from zmp_sqp.planning.search.blind import certified_blind_motion
@@ -22,7 +23,7 @@ from zmp_sqp.planning.search.run import Runs
 from zmp_sqp.planning.search.task import Task, task_of
 from zmp_sqp.sqp.result import IterationRecord
 
-__all__ = ["answer", "plan", "searched", "without_search"]
+__all__ = ["answer", "arrived", "checked_budget", "plan", "searched", "without_search"]
 
 
 @one_blas_thread()
@@ -72,10 +73,21 @@ def plan(
 def _check(problem: Problem, time_budget: float | None) -> None:
     if not isinstance(problem, Problem):
         raise ProblemError(f"problem must be a Problem, not {type(problem).__name__}")
-    if time_budget is not None and (
-        finite_number(time_budget, name="time_budget", error=ProblemError) <= 0.0
-    ):
-        raise ProblemError(f"time_budget must be positive, not {time_budget} s")
+    checked_budget(time_budget)
+
+
+def checked_budget(time_budget: float | None) -> float | None:
+    """A time budget, checked.
+
+    Raises:
+        ProblemError: It is not None and no positive number.
+    """
+    if time_budget is None:
+        return None
+    budget = finite_number(time_budget, name="time_budget", error=ProblemError)
+    if budget <= 0.0:
+        raise ProblemError(f"time_budget must be positive, not {budget} s")
+    return budget
 
 
 def without_search(task: Task) -> Proven | None:
@@ -97,6 +109,19 @@ def searched(task: Task, runs: Runs) -> Proven:
     return prove(task, refined, runs)
 
 
+def arrived(problem: Problem) -> Proven | None:
+    """Motion of zero duration for a machine that is at rest at its goal, to `ARRIVAL`.
+
+    None elsewhere, and for a base that drives.
+    """
+    if problem.base is not None:
+        return None
+    rates = np.abs([problem.start_velocity, problem.goal_velocity])
+    off = np.abs(problem.goal - problem.start)
+    there = bool((off <= ARRIVAL).all() and (rates <= ARRIVAL).all())
+    return _already_there(problem) if there else None
+
+
 def _already_there(problem: Problem) -> Proven:
     """Motion of zero duration, for equal start and goal states, at rest or in motion."""
     q, v = (np.vstack([part] * 2) for part in (problem.start, problem.start_velocity))
@@ -113,6 +138,8 @@ def answer(
 ) -> Plan:
     """Plan of a problem from how its search ended."""
     status, checked, duration = proven.status, proven.certificate, proven.duration
+    if status.success and duration == 0.0:
+        lower_bound = 0.0
     if status.success:
         message = success_message(status, checked, duration=duration, lower_bound=lower_bound)
     else:

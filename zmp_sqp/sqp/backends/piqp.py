@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ class PIQP:
         """Create the backend, with no QP yet."""
         self._solver: Any = None
         self._qp: QP | None = None
+        self._tolerance = 0.0
 
     def solve(
         self, qp: QP, *, tolerance: float, iterations: int, warm: QPSolution | None = None
@@ -41,6 +43,9 @@ class PIQP:
         if not qp.is_finite():
             self._solver = None
             return QPSolution.nothing(qp, self.name)
+        self._tolerance = tolerance
+        if qp.size == 0:
+            return QPSolution.of_no_variables(qp, self.name, tolerance)
         solver = piqp.SparseSolver()
         settings = solver.settings
         settings.kkt_solver = piqp.KKTSolver.sparse_multistage
@@ -56,6 +61,9 @@ class PIQP:
         """Solution of the last QP with other right-hand sides; the solver is reused."""
         if self._qp is None:
             raise RuntimeError(NOTHING_YET.format(name=self.name))
+        if self._qp.size == 0:
+            qp = replace(self._qp, u=u, b=b)
+            return QPSolution.of_no_variables(qp, self.name, self._tolerance)
         if self._solver is None or not np.isfinite(u.sum() + b.sum()):
             return QPSolution.nothing(self._qp, self.name)
         changes = {"h_u": u} if self._qp.A is None else {"h_u": u, "b": b}

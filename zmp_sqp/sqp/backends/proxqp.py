@@ -69,7 +69,7 @@ class ProxQP:
             qp, tolerance, iterations, warm: Arguments of `QPBackend.solve`.
         """
         self._last = self._instead = None
-        if qp.size > LARGEST:
+        if qp.size == 0 or qp.size > LARGEST:
             self._instead = PIQP()
             return self._instead.solve(qp, tolerance=tolerance, iterations=iterations)
         self._active_set = active_set = ActiveSetMethod(qp)

@@ -41,6 +41,8 @@ TIME_LIMITS = {
     "scs": "time_limit_secs",
 }
 
+LEAST = 1e-8  # tolerance of QPs without variables, at least
+
 
 class QPSolvers:
     """Solver of the package qpsolvers, without warm start, with tight tolerances."""
@@ -75,6 +77,8 @@ class QPSolvers:
         self._qp = qp
         if not qp.is_finite():
             return QPSolution.nothing(qp, self.name)
+        if qp.size == 0:
+            return QPSolution.of_no_variables(qp, self.name, max(tolerance, LEAST))
         settings = dict(SETTINGS.get(self._solver, {}))
         if self.time_limit is not None and self._solver in TIME_LIMITS:
             settings[TIME_LIMITS[self._solver]] = self.time_limit
