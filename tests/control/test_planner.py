@@ -398,3 +398,40 @@ def test_what_is_no_machine_is_refused_by_name():
     planner.machine = "feller_buncher"
     with pytest.raises(zs.ProblemError, match="machine must be a Machine, not 'feller_buncher'"):
         planner.plan(problem.start, problem.goal)
+
+
+@pytest.mark.parametrize("intervals", [12, 20])
+def test_a_new_goal_is_planned_for_although_a_budget_has_no_room_for_two_certificates(intervals):
+    """By a clock that counts looks at it: what a step and a certificate take does not depend on
+    the computer."""
+    problem = load_scenario("paper_1").problem
+    planner = planner_of(problem, constraints=[zs.TorqueLimits()], intervals=intervals)
+    planner.plan(problem.start, problem.goal)
+    ticks = itertools.count()
+    planner.clock = lambda: 1e-3 * next(ticks)  # [s] a millisecond for every look
+    planner._step_time, planner._proof_time = 1e-3, 8e-3
+    q, v, goal = problem.start, 0.0 * problem.start, problem.goal - [0.3, 0.0, 0.0, 0.0, 0.0]
+    reached = []
+    for _ in range(60):
+        plan = planner.plan(q, goal, v, time_budget=0.02, elapsed=0.05)
+        assert plan.success
+        assert plan.certificate.safe
+        reached.append(bool(np.allclose(plan.trajectory.positions[-1], goal, atol=1e-5)))
+        q, v, _ = plan.trajectory(min(0.05, plan.duration))
+    assert any(reached)
+
+
+def test_one_slow_certificate_does_not_leave_a_planner_without_time_for_ever():
+    problem = load_scenario("paper_1").problem
+    planner = planner_of(problem, constraints=[zs.TorqueLimits()], intervals=20)
+    plan = planner.plan(problem.start, problem.goal)
+    planner._step_time, planner._proof_time = 1e-3, 0.2  # [s] as if the computer had been busy
+    goal = problem.goal - [0.3, 0.0, 0.0, 0.0, 0.0]
+    q, v, _ = plan.trajectory(0.05)
+    said = planner.plan(q, goal, v, time_budget=0.1, elapsed=0.05).message
+    assert "No step of the search fits into the 100 ms" in said
+    for _ in range(40):
+        plan = planner.plan(q, goal, v, time_budget=0.1)
+        if np.allclose(plan.trajectory.positions[-1], goal, atol=1e-5):
+            return
+    pytest.fail("no motion to the new goal")

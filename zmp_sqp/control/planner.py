@@ -50,6 +50,8 @@ USEFUL = 0.3  # distance of the state from the last motion (`Memory.nearest`) up
 USEFUL_GOAL = 0.5  # change of the goal per range of the last motion up to which it helps
 LEFT = 0.01  # share of the last motion that must be left for it to help
 RESERVE = 1.3  # time kept for the certificate, per time that it took last
+FADING = 0.9  # of times that are expected, at every call that they leave no time for a step
+COARSEST = 12  # intervals down to which grids are halved where a step does not fit otherwise
 LEAST_STEP = 0.7  # share of the time of a step that must be left for it to begin
 GIVEN_UP = 6  # calls that go on with an unfinished search; then it starts from the last motion
 # share of the budget that is kept for it before the first one, on planes and over terrain
@@ -96,6 +98,8 @@ class Planner:
     _in_use: Any = field(default_factory=threading.Lock, init=False, repr=False)
     # whether the last search probed at the bound in vain
     _refused_probe: bool = field(default=False, init=False, repr=False)
+    # whether the last time budget had no room for a step of the search beside two certificates
+    _starved: bool = field(default=False, init=False, repr=False)
     _step_time: float = field(default=0.0, init=False, repr=False)  # [s] per interval
     _proof_time: float = field(default=0.0, init=False, repr=False)  # [s] of the last certificate
 
@@ -115,10 +119,12 @@ class Planner:
         """Fastest certified motion from a measured state to a goal, within a time budget.
 
         Args:
-            start: Joint coordinates now, shape (n,) [rad or m]. A state that is outside the limits
-                by measurement noise (0.01 rad or m, 5 % of the rates) is taken to be at them.
+            start: Joint coordinates where the new motion begins, shape (n,) [rad or m]: those of
+                the reference at that time as a rule, not the measured ones (docs/control.md). A
+                state beyond the limits by 0.01 rad or m, or 5 % of a rate limit, is treated as
+                being at them. Within 1e-6 rad or m of the goal, at rest, the machine is there.
             goal: Joint coordinates at the goal, shape (n,) [rad or m].
-            start_velocity: Joint rates now, shape (n,) [rad/s or m/s]; None is rest.
+            start_velocity: Joint rates there, shape (n,) [rad/s or m/s]; None is rest.
             time_budget: Time for the answer by `clock` [s]; None for no limit.
             goal_velocity: Joint rates at the goal, shape (n,) [rad/s or m/s]; None is rest.
             base: Base that drives, from its pose and velocity now; None for one that stands.
@@ -185,30 +191,37 @@ class Planner:
         earlier = self._earlier(problem, elapsed)
         half = self._step_time * coarser(problem.first_intervals)
         joins = runs.deadline is None or runs.deadline - runs.clock() > half
-        ready = ready_motion(task, earlier, runs, joins=joins, probes=not self._refused_probe)
+        # then the search comes first, and the rest of the last motion is certified if it fails
+        last, probes = earlier.last, not self._refused_probe
+        first = self._starved and runs.deadline is not None
+        first = first and last is not None and last.continued is not None
+        ready = ready_motion(task, earlier, runs, joins=joins, probes=probes, keeps=not first)
         proven, unfinished, spare, advice = ready.proven, None, None, ""
         if proven is None or proven.status is Status.KEPT:
             # a machine at rest may stay there, which needs no proof within the budget
-            spared = runs.deadline is not None and not task.start.v.any()
+            spared = runs.deadline is not None and (first or not task.start.v.any())
             if proven is None and runs.deadline is not None and not spared:
                 spare = self._spare(earlier.last, fields, runs)
                 spared = spare is not None
             optional = proven is not None or spared
             if optional and budget is not None:
                 runs.ends = runs.started + budget
-            effort = self._effort(problem, earlier.guess, runs, optional=optional)
+            effort = self._effort(problem, earlier.guess, runs, optional=optional, coarse=first)
             effort = effort._replace(probes=effort.probes and not ready.probed)
+            self._starved = not effort.fits
             advice = "" if effort.fits or budget is None else self._advice(budget, effort)
             proven, unfinished = replanned(task, earlier, ready, runs, effort, spared=spared)
             # every other call has all of its time for the search proper
-            self._refused_probe = any(run.status == REFUSED for run in runs.runs)
+            vain = effort.probes and unfinished is None and not proven.status.success
+            self._refused_probe = vain or any(run.status == REFUSED for run in runs.runs)
         self._note_times(runs)
         plan = answer(problem, self.qp_solver, task.lower_bound, proven, runs)
         if advice and (plan.status is Status.KEPT or not plan.success):
             plan = replace(plan, message=f"{plan.message}{advice}")
         self._guess = _unfinished(problem, earlier.guess, proven, unfinished)
         if not plan.success:
-            return self._instead(plan, spare, earlier.last, fields, runs)
+            spare = self._spare(last, fields, runs) if first else spare
+            return self._instead(plan, spare, earlier.last, fields, runs, advice)
         if earlier.last is not None and proven.attempt is earlier.last.motion:
             self._begins = earlier.last.at  # it is found again in memory, with its multipliers
         else:
@@ -216,7 +229,13 @@ class Planner:
         return plan
 
     def _effort(
-        self, problem: Problem, remains: Remains | None, runs: Runs, *, optional: bool
+        self,
+        problem: Problem,
+        remains: Remains | None,
+        runs: Runs,
+        *,
+        optional: bool,
+        coarse: bool = False,
     ) -> Effort:
         """What there is time for; also draws in the deadline, because steps are finished.
 
@@ -225,6 +244,7 @@ class Planner:
             remains: Motion from which the search starts.
             runs: Runner of the searches, with their deadline.
             optional: Whether there is a certified motion already.
+            coarse: Whether grids may be as coarse as `COARSEST` for a step to fit.
         """
         intervals = problem.first_intervals
         if runs.deadline is None:
@@ -232,6 +252,8 @@ class Planner:
         left = runs.deadline - runs.clock()
         unfinished = remains is not None and remains.memory.unfinished > 0
         if unfinished or left < self._step_time * intervals:
+            intervals = coarser(intervals)
+        while coarse and intervals > COARSEST and left < LEAST_STEP * self._step_time * intervals:
             intervals = coarser(intervals)
         step = self._step_time * intervals
         fits = not optional or left >= LEAST_STEP * step
@@ -267,11 +289,15 @@ class Planner:
         last: Remains | None,
         fields: Mapping[str, Any],
         runs: Runs,
+        advice: str,
     ) -> Plan:
         """Certified motion instead of a plan that failed; that plan if there is none."""
         if spare is not None and spare.status is Status.KEPT and last is not None:
             self._begins = last.at
-            message = f"{Status.KEPT} It leads to the goal of the last call."
+            message = str(Status.KEPT)
+            if last.continued is not last.problem:
+                message = f"{message} It leads to the goal of the last call."
+            message += advice
             return replace(
                 spare,
                 message=message,
@@ -401,6 +427,9 @@ class Planner:
         if steps:
             self._step_time = float(np.median(steps))
         self._proof_time = runs.proof_time or self._proof_time
+        if self._starved:  # what took long once is not to leave no time for ever
+            self._step_time *= FADING
+            self._proof_time *= FADING
 
     def _remember(self, plan: Plan, candidate: Candidate | None) -> None:
         """Keep a successful plan for the next call."""

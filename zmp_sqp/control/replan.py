@@ -217,7 +217,13 @@ class Answer(NamedTuple):
 
 
 def ready_motion(
-    task: Task, earlier: Earlier, runs: Runs, *, joins: bool = True, probes: bool = True
+    task: Task,
+    earlier: Earlier,
+    runs: Runs,
+    *,
+    joins: bool = True,
+    probes: bool = True,
+    keeps: bool = True,
 ) -> Ready:
     """Certified motion that needs no long search.
 
@@ -230,9 +236,10 @@ def ready_motion(
         runs: Runner of the searches, with their deadline.
         joins: Whether there is time to look for a motion near an earlier one.
         probes: Whether to probe at the bound where the earlier motion was there.
+        keeps: Whether there is time to certify the rest of the last motion before a search.
     """
     known = arrived(task.problem) or without_search(task)
-    if known is not None:
+    if known is not None or not keeps:
         return Ready(known)
     at_bound, last, guess = task.lower_bound * (1.0 + AT_BOUND), earlier.last, earlier.guess
     solved = runs.deadline is not None and last is not None and last.is_optimal
@@ -271,7 +278,7 @@ def replanned(
     """
     kept, guess = ready.proven, earlier.guess
     if guess is None and kept is None:
-        return _from_nothing(task, runs, spared=spared)
+        return _from_nothing(task, runs, spared=spared, probes=effort.probes)
     if kept is not None and (runs.is_late or guess is None):
         return Answer(kept)
     if runs.is_late and spared and ready.near is not None:
@@ -294,6 +301,8 @@ def replanned(
         if kept is None or proven.duration <= kept.duration:
             return Answer(proven)
         return Answer(replace(kept, status=proven.status))  # the search found nothing faster
+    if spared and kept is None and runs.is_late:
+        return Answer(proven, found)  # there is another certified motion, and no time to join it
     kept = kept or earlier.kept
     if kept is not None and earlier.last is not None and earlier.last.is_same_question:
         return Answer(replace(kept, status=Status.SAFE))  # a search from nothing found no more
@@ -305,9 +314,9 @@ def replanned(
     return Answer(kept or _joined(task, guess.rest, runs).proven or proven, found)
 
 
-def _from_nothing(task: Task, runs: Runs, *, spared: bool) -> Answer:
+def _from_nothing(task: Task, runs: Runs, *, spared: bool, probes: bool = True) -> Answer:
     """Motion of a search like that of `plan`; without certificate if time is up and not needed."""
-    found = explore_bound(task, runs)
+    found = explore_bound(task, runs) if probes or runs.deadline is None else None
     if found is None and spared and runs.is_late:  # to make a guess over terrain takes 10 ms
         nothing = Certificate.of_nothing(task.problem.margin)
         return Answer(Proven(Status.TIME_BUDGET, nothing, None, task.lower_bound))
