@@ -70,7 +70,7 @@ def with_room_to_stop(machine: Machine, q: Array, v: Array) -> Machine:
 
 
 def widened_limits(given: Machine, widened: Machine) -> str:
-    """Sentence that says which limits a stop leaves; empty if it leaves none.
+    """Sentence that says which limits of the machine a stop passes; empty if it passes none.
 
     Args:
         given: The machine.

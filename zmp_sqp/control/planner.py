@@ -191,10 +191,7 @@ class Planner:
         earlier = self._earlier(problem, elapsed)
         half = self._step_time * coarser(problem.first_intervals)
         joins = runs.deadline is None or runs.deadline - runs.clock() > half
-        # then the search comes first, and the rest of the last motion is certified if it fails
-        last, probes = earlier.last, not self._refused_probe
-        first = self._starved and runs.deadline is not None
-        first = first and last is not None and last.continued is not None
+        first, probes = self._searches_first(earlier.last, runs), not self._refused_probe
         ready = ready_motion(task, earlier, runs, joins=joins, probes=probes, keeps=not first)
         proven, unfinished, spare, advice = ready.proven, None, None, ""
         if proven is None or proven.status is Status.KEPT:
@@ -220,13 +217,21 @@ class Planner:
             plan = replace(plan, message=f"{plan.message}{advice}")
         self._guess = _unfinished(problem, earlier.guess, proven, unfinished)
         if not plan.success:
-            spare = self._spare(last, fields, runs) if first else spare
+            spare = self._spare(earlier.last, fields, runs) if first else spare
             return self._instead(plan, spare, earlier.last, fields, runs, advice)
         if earlier.last is not None and proven.attempt is earlier.last.motion:
             self._begins = earlier.last.at  # it is found again in memory, with its multipliers
         else:
             self._remember(plan, proven.candidate)
         return plan
+
+    def _searches_first(self, last: Remains | None, runs: Runs) -> bool:
+        """Whether the rest of the last motion is certified only if the search fails.
+
+        So it is after a call whose time budget had no room for a step beside its certificate.
+        """
+        fits = last is not None and last.continued is not None
+        return self._starved and runs.deadline is not None and fits
 
     def _effort(
         self,
