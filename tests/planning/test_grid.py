@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from zmp_sqp.planning.program.grid import Grid, shapes
+from zmp_sqp.planning.program.grid import Grid, hermite_shapes, shapes
 
 ROUNDING = 1e-12
 UNEVEN = np.array([0.0, 0.07, 0.3, 0.5, 0.55, 1.0])
@@ -37,6 +37,16 @@ def test_shapes_are_a_line_and_its_first_and_second_integrals() -> None:
             assert once[i] == pytest.approx(rate, abs=ROUNDING)
             assert twice[i] == pytest.approx(moved, abs=ROUNDING)
         assert level.sum() == pytest.approx(1.0, rel=ROUNDING)
+
+
+def test_hermite_shapes_interpolate_every_cubic() -> None:
+    for coefficients in np.eye(4):
+        cubic = np.polynomial.Polynomial(coefficients)
+        derivatives = [cubic, cubic.deriv(), cubic.deriv(2)]
+        ends = [derivatives[i](end) for end in (0.0, 1.0) for i in range(2)]
+        for s in (0.0, 0.3, 0.5, 1.0):
+            expected = [one(s) for one in derivatives]
+            np.testing.assert_allclose(hermite_shapes(s) @ ends, expected, atol=ROUNDING)
 
 
 def test_rolled_states_are_integrals_of_the_accelerations(grid: Grid) -> None:

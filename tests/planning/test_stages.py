@@ -26,6 +26,16 @@ def mapped_variables(program: StagedProgram, point: Motion) -> np.ndarray:
     return np.hstack([scaled[:-1], scaled[1:, : 2 * program.n], sigma])
 
 
+def test_maps_by_mapped_variables_are_products_of_the_two_maps(program: StagedProgram) -> None:
+    """The cubics of Hermite's data against integrals of the accelerations."""
+    stages = program.stages
+    for found, by_stage in zip(
+        stages.mapped, (stages.at_start, stages.at_end, stages.at_middle), strict=True
+    ):
+        expected = by_stage @ stages.hermite
+        np.testing.assert_allclose(found, expected, atol=1e-13 * np.abs(expected).max())
+
+
 def test_accelerations_follow_from_the_states_at_both_ends(program: StagedProgram) -> None:
     """The cubic of Hermite's data."""
     stages, point = program.stages, somewhere(program)

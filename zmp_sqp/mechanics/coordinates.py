@@ -69,18 +69,17 @@ class Coordinates:
         """
         if self.is_identity:
             return joints
-        drive = np.where(self.G == 0.0, np.nan, self.G)  # (n, m)
-        sides = np.stack(
-            [
-                (bound - self.origin)[:, None] / drive
-                for bound in (joints.position_lower, joints.position_upper)
-            ]
+        still = self.G == 0.0  # (n, m): joints that do not follow the coordinate
+        drive = np.where(still, 1.0, self.G)
+        first, second = (
+            (bound - self.origin)[:, None] / drive
+            for bound in (joints.position_lower, joints.position_upper)
         )
         share = np.abs(drive)
         return JointLimits(
-            position_lower=np.nanmax(sides.min(axis=0), axis=0),
-            position_upper=np.nanmin(sides.max(axis=0), axis=0),
-            velocity=np.nanmin(joints.velocity[:, None] / share, axis=0),
-            acceleration=np.nanmin(joints.acceleration[:, None] / share, axis=0),
+            position_lower=np.where(still, -np.inf, np.minimum(first, second)).max(axis=0),
+            position_upper=np.where(still, np.inf, np.maximum(first, second)).min(axis=0),
+            velocity=np.where(still, np.inf, joints.velocity[:, None] / share).min(axis=0),
+            acceleration=np.where(still, np.inf, joints.acceleration[:, None] / share).min(axis=0),
             effort=np.full(self.size, np.nan),
         )

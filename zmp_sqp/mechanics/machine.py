@@ -80,7 +80,7 @@ class Machine:
     @property
     def mass(self) -> float:
         """Total mass, including undercarriage and payloads [kg]."""
-        return float(sum(inertia.mass for inertia in self.model.inertias))
+        return float(pin.computeTotalMass(self.model))
 
     @property
     def unplanned(self) -> frozenset[str]:

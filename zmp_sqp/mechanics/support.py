@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -32,6 +33,7 @@ class SupportPolygon:
         normals: Outward unit normals e_i of the edges, root frame, shape (V, 2).
         offsets: Distances b_i of the edges from the root origin along their normals, shape (V,)
             [m].
+        reach: Largest distance of a vertex from the z axis of the root frame [m].
 
     Raises:
         MachineError: Fewer than three vertices, or vertices that are not finite, repeated,
@@ -42,6 +44,7 @@ class SupportPolygon:
     height: float = 0.0
     normals: Array = field(init=False, repr=False)
     offsets: Array = field(init=False, repr=False)
+    reach: float = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         vertices = frozen_array(
@@ -51,6 +54,7 @@ class SupportPolygon:
         object.__setattr__(
             self, "height", finite_number(self.height, name="support height", error=MachineError)
         )
+        object.__setattr__(self, "reach", float(np.linalg.norm(vertices, axis=1).max(initial=0.0)))
         if len(vertices) < 3:
             raise MachineError(f"a support polygon needs at least 3 vertices, not {len(vertices)}")
         for i, vertex in enumerate(vertices):
@@ -117,11 +121,6 @@ class SupportPolygon:
             f"{len(points)} contact points span no support polygon: they lie on one line"
         )
 
-    @property
-    def reach(self) -> float:
-        """Largest distance of a vertex from the z axis of the root frame [m]."""
-        return float(np.linalg.norm(self.vertices, axis=1).max())
-
     def edge_name(self, index: int) -> str:
         """Readable name of edge `index`.
 
@@ -173,12 +172,9 @@ class SupportPolygon:
             root origin, root axes [N, N m].
         """
         margin = finite_number(margin, name="margin", error=MachineError)
-        e_x, e_y = self.normals.T
-        zero = np.zeros_like(e_x)
-        # substituted: tau'_x = tau_x + h f_y and tau'_y = tau_y - h f_x
-        return np.column_stack(
-            [self.height * e_x, self.height * e_y, margin - self.offsets, e_y, -e_x, zero]
-        )
+        rows = _distance_rows(self).copy()
+        rows[:, 2] += margin
+        return rows
 
     def inset(self, margin: float) -> SupportPolygon:
         """Polygon of the points that keep a margin from every edge of this one.
@@ -205,6 +201,15 @@ class SupportPolygon:
             raise MachineError(
                 f"a margin of {margin} m leaves nothing of the support polygon"
             ) from None
+
+
+@lru_cache(maxsize=64)
+def _distance_rows(support: SupportPolygon) -> Array:
+    """`SupportPolygon.wrench_rows` without a margin."""
+    e_x, e_y = support.normals.T
+    h, zero = support.height, np.zeros_like(e_x)
+    # substituted: tau'_x = tau_x + h f_y and tau'_y = tau_y - h f_x
+    return np.column_stack([h * e_x, h * e_y, -support.offsets, e_y, -e_x, zero])
 
 
 def _hull(points: Array) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 
 from zmp_sqp.arrays import Array
 
-__all__ = ["ENDS", "Grid", "shapes"]
+__all__ = ["ENDS", "Grid", "hermite_shapes", "shapes"]
 
 ENDS = 2  # controls per interval: the accelerations at its start and at its end
 NESTED = 12  # decimals to which nodes are compared, to tell whether one grid contains the other
@@ -36,6 +36,28 @@ def shapes(s: float) -> tuple[Array, Array, Array]:
         np.array([1.0 - s, s]),
         np.array([s - 0.5 * s**2, 0.5 * s**2]),
         np.array([0.5 * s**2 - s**3 / 6.0, s**3 / 6.0]),
+    )
+
+
+@lru_cache(maxsize=64)
+def hermite_shapes(s: float) -> Array:
+    r"""Shape functions of cubic Hermite interpolation on an interval of unit length.
+
+    .. math:: q = H_0 \cdot (q_k, w_k, q_{k+1}, w_{k+1}), \quad w = H_1 \cdot (\ldots), \quad
+              \alpha = H_2 \cdot (\ldots)
+
+    Args:
+        s: Share of the interval, 0 to 1.
+
+    Returns:
+        The rows H_0 and, as its first and second derivatives by s, H_1 and H_2, shape (3, 4).
+    """
+    return np.array(
+        [
+            [2 * s**3 - 3 * s**2 + 1, s**3 - 2 * s**2 + s, 3 * s**2 - 2 * s**3, s**3 - s**2],
+            [6 * s**2 - 6 * s, 3 * s**2 - 4 * s + 1, 6 * s - 6 * s**2, 3 * s**2 - 2 * s],
+            [12 * s - 6, 6 * s - 4, 6 - 12 * s, 6 * s - 2],
+        ]
     )
 
 

@@ -198,44 +198,71 @@ class LimitRows:
     @cached_property
     def _entries(self) -> tuple[Array, Array, Array]:
         """Entries that are constant, those per derivative of sqrt(sigma), and `entries`' second."""
-        stages, n, N, width = self.stages, self.stages.n, self.stages.grid.size, 5
-        constant, by_root = ([np.zeros(group.shape) for group in self.columns] for _ in range(2))
-        through = [np.zeros(len(group)) for group in self.columns]
+        stages, n, N = self.stages, self.stages.n, self.stages.grid.size
+        shapes = [group.shape for group in self.columns]
+        constant, by_root = np.zeros((2, sum(rows * width for rows, width in shapes)))
+        at = np.cumsum([0, *(rows * width for rows, width in shapes)])
+        # upper and lower limits together, hence the leading axis of length 2
+        controls = constant[: at[2]].reshape(2, N, ENDS, n, 5)
+        middles = constant[at[4] : at[6]].reshape(2, N, n, 5)
         u = stages.control_entries
-        step = (MIDDLE * stages.grid.steps[:, None] * self._control_step)[..., None]
-        for i, sign in enumerate((1.0, -1.0)):
-            controls, nodes, middles = constant[i], constant[2 + i], constant[4 + i]
-            of_controls = controls.reshape(N, ENDS, n, width)
-            of_controls[..., :-1], of_controls[..., -1] = sign * u, -self.control
-            nodes[:, 0] = sign * STATE
-            of_middles = middles.reshape(N, 1, n, width)
-            of_middles[:, 0, :, :-1] = sign * step * u[:, 0]
-            of_middles[..., 1] += sign * STATE
-            by_root[2 + i].reshape(-1, n, 2)[..., -1] = -self.rate
-            by_root[4 + i].reshape(-1, n, width)[..., -1] = -self.rate
-            for rows, flat in ((of_controls, through[i]), (of_middles, through[4 + i])):
-                ends = flat.reshape(N, -1, n)  # boundary rates are no variables: without STATE
-                ends[0] += rows[0, ..., 1] * self.first / STATE
-                ends[-1] += rows[-1, ..., 3] * self.last / STATE
-        at = 6
+        of_middles = MIDDLE * stages.grid.steps[:, None, None] * self._control_step[:, None]
+        of_middles = of_middles * u[:, 0]
+        of_middles[..., 1] += STATE
+        for side, sign in enumerate((1.0, -1.0)):
+            controls[side, ..., :-1], middles[side, ..., :-1] = sign * u, sign * of_middles
+            constant[at[2 + side] : at[3 + side] : 2] = sign * STATE  # rates at nodes
+        controls[..., -1] = -self.control
+        by_root[at[2] : at[4]].reshape(-1, n, 2)[..., -1] = -self.rate
+        by_root[at[4] : at[6]].reshape(-1, n, 5)[..., -1] = -self.rate
+        group = 6
         for point in POSITION_POINTS:
             for which, sign in ((self.upper, 1.0), (self.lower, -1.0)):
                 by_rate = sign * point * stages.grid.steps[:, None] * stages.rate_scale[which]
-                positions = constant[at].reshape(N, len(which), self.columns[at].shape[1])
+                width = shapes[group][1]
+                positions = constant[at[group] : at[group + 1]].reshape(N, len(which), width)
                 positions[..., 0], positions[..., 1] = sign * STATE, by_rate * STATE
-                k, given = (0, self.first) if point > 0.0 else (-1, self.last)
-                through[at].reshape(N, len(which))[k] += by_rate[k] * given[which]
-                at += 1
+                group += 1
         for bound in self.position_bounds:
-            constant[at][:] = bound.sign * STATE
-            at += 1
-        constant[-1][:] = -1.0
+            constant[at[group] : at[group + 1]] = bound.sign * STATE
+            group += 1
+        constant[-1] = -1.0
+        through = self._through_boundary(controls, middles)
         if self.moving:
-            for group, added in zip(by_root, through, strict=True):
-                if len(group.T) > 1:
-                    group[:, -1] += added
-        whole = [np.concatenate([part.ravel() for part in group]) for group in (constant, by_root)]
-        return whole[0], whole[1], np.concatenate(through)
+            starts = np.cumsum([0, *(rows for rows, _ in shapes)])
+            for k, (rows, width) in enumerate(shapes):
+                if width > 1:
+                    entries = by_root[at[k] : at[k + 1]].reshape(rows, width)
+                    entries[:, -1] += through[starts[k] : starts[k + 1]]
+        return constant, by_root, through
+
+    def _through_boundary(self, controls: Array, middles: Array) -> Array:
+        """Derivatives of the rows by sqrt(sigma) through the boundary rates, shape (count,).
+
+        Args:
+            controls: Constant entries of the acceleration limits, shape (2, N, 2, n, 5).
+            middles: Constant entries of the rate limits between nodes, shape (2, N, n, 5).
+        """
+        found = np.zeros(self.count)
+        if not self.moving:
+            return found
+        N, n = self.stages.grid.size, self.stages.n
+        at = np.cumsum([0, *(len(group) for group in self.columns)])
+        of_controls = found[: at[2]].reshape(2, N, ENDS, n)
+        of_middles = found[at[4] : at[6]].reshape(2, N, n)
+        for flat, rows in ((of_controls, controls), (of_middles, middles)):
+            # boundary rates are no variables: without STATE
+            flat[:, 0] += rows[:, 0, ..., 1] * self.first / STATE
+            flat[:, -1] += rows[:, -1, ..., 3] * self.last / STATE
+        group = 6
+        for point in POSITION_POINTS:
+            k, given = (0, self.first) if point > 0.0 else (-1, self.last)
+            for which, sign in ((self.upper, 1.0), (self.lower, -1.0)):
+                by_rate = sign * point * self.stages.grid.steps[k] * self.stages.rate_scale[which]
+                of_positions = found[at[group] : at[group + 1]].reshape(N, len(which))
+                of_positions[k] += by_rate * given[which]
+                group += 1
+        return found
 
 
 @lru_cache(maxsize=CACHED)

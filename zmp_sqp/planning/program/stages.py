@@ -36,7 +36,7 @@ from typing import NamedTuple
 import numpy as np
 
 from zmp_sqp.arrays import Array, Indices
-from zmp_sqp.planning.program.grid import ENDS, Grid, shapes
+from zmp_sqp.planning.program.grid import ENDS, Grid, hermite_shapes, shapes
 
 __all__ = ["CACHED", "STATE", "Shape", "Stages", "stage_columns", "state_columns"]
 
@@ -44,7 +44,6 @@ __all__ = ["CACHED", "STATE", "Shape", "Stages", "stage_columns", "state_columns
 # interior-point methods act on states and sigma with equal weight
 STATE = 0.1
 CACHED = 64  # index arrays of programs of this many shapes are kept
-DROPPED = 1e-13  # relative to the largest entry of a map: smaller ones are rounding, set to zero
 
 
 class Shape(NamedTuple):
@@ -182,23 +181,54 @@ class Stages:
     @cached_property
     def hermite(self) -> Array:
         """Jacobian of the stage variables by the mapped ones, `STATE` included, shape (K, m, m)."""
-        n, u = self.n, self.controls
-        end = self.at_end[:, : 2 * n] / np.concatenate([np.ones(n), self.rate_scale])[:, None]
-        M = np.zeros((len(end), self.m, self.m))
-        M[:] = np.eye(self.m)
-        inverse = np.linalg.inv(end[:, :, u])
-        M[:, u, u] = inverse
-        M[:, u, : 2 * n] = -inverse @ end[:, :, : 2 * n]
-        M[np.abs(M) < DROPPED * np.abs(M).max()] = 0.0
-        M[:, :, :-1] *= STATE
+        accelerations = self._accelerations
+        M = np.zeros((len(accelerations), self.m, self.m))
+        same = np.arange(self.nx)
+        M[:, same, same] = STATE
+        M[:, -1, -1] = 1.0
+        for i in range(ENDS):
+            rows = self.nx + i * self.n + np.arange(self.n)
+            M[:, rows[:, None], self._neighbours] = accelerations[:, i]
         return M
 
     @cached_property
     def mapped(self) -> tuple[Array, Array, Array]:
         """`state_map` at start, end and middle by mapped stage variables, (K, 3n + 1, m) each."""
-        maps = (self.at_start, self.at_end, self.at_middle)
-        start, end, middle = (np.ascontiguousarray(part @ self.hermite) for part in maps)
+        rows, found = np.arange(3 * self.n)[:, None], []
+        columns = np.tile(self._neighbours, (3, 1))
+        for entries in self._interpolated:
+            P = np.zeros((len(entries), 3 * self.n + 1, self.m))
+            P[:, rows, columns] = entries.reshape(len(entries), 3 * self.n, 4)
+            P[:, -1, -1] = self.S
+            found.append(P)
+        return found[0], found[1], found[2]
+
+    @cached_property
+    def _interpolated(self) -> tuple[Array, Array, Array]:
+        """Derivatives of (q, w, alpha) at start, end and middle by `_neighbours`.
+
+        Shape (K, 3, n, 4) each. By Hermite interpolation: coordinates are cubic in an interval.
+        """
+        h = (self.grid.steps[:1] if self.grid.uniform else self.grid.steps)[:, None, None]
+        to_rate = np.array([0.0, 1.0, 0.0, 1.0])
+        powers = h ** (to_rate - np.arange(3)[:, None])  # (K, 3, 4)
+        units = np.where(to_rate > 0.0, self.rate_scale[:, None], 1.0) * STATE  # (n, 4)
+        start, end, middle = (
+            (powers * hermite_shapes(s))[:, :, None] * units for s in (0.0, 1.0, 0.5)
+        )
         return start, end, middle
+
+    @cached_property
+    def _accelerations(self) -> Array:
+        """Derivatives of the scaled accelerations by `_neighbours`, shape (K, 2, n, 4)."""
+        start, end, _ = self._interpolated
+        return np.stack([start[:, 2], end[:, 2]], axis=1) / self.control_scale[:, None]
+
+    @cached_property
+    def _neighbours(self) -> Indices:
+        """Mapped stage variables (q_k, w_k, q_{k+1}, w_{k+1}) of each coordinate, shape (n, 4)."""
+        first = np.array([0, self.n, self.nx, self.nx + self.n])
+        return np.asarray(np.arange(self.n)[:, None] + first)
 
     @cached_property
     def heading(self) -> Array:
@@ -223,14 +253,7 @@ class Stages:
 
         All scaled; the acceleration of a joint depends on coordinates and rates of that joint only.
         """
-        n, nx, j = self.n, self.nx, np.arange(self.n)
-        M = self.hermite
-        entries = [
-            np.stack([M[:, nx + i * n + j, at + j] for at in (0, n, nx, nx + n)], axis=-1)
-            for i in range(ENDS)
-        ]
-        found = np.stack(entries, axis=1)
-        return np.broadcast_to(found, (self.grid.size, ENDS, n, 4))
+        return np.broadcast_to(self._accelerations, (self.grid.size, ENDS, self.n, 4))
 
     @cached_property
     def middle_factors(self) -> tuple[Array, Array]:

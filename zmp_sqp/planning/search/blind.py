@@ -65,17 +65,21 @@ class BlindMotion:
         phase = (times[:, None] > first).astype(int) + (times[:, None] > second)
         return np.take_along_axis(self.accelerations.T, phase, axis=0)
 
+    def gained(self, times: Array) -> tuple[Array, Array]:
+        """Changes of the rates that accelerations have made by times (K,), and their integrals.
+
+        Shape (K, n) each [rad/s, rad].
+        """
+        since = times[:, None, None] - np.cumsum(self.phases, axis=1) + self.phases  # (K, n, 3)
+        inside = np.clip(since, 0.0, self.phases)  # time that each phase has lasted
+        rate = inside * self.accelerations
+        after = np.maximum(since - self.phases, 0.0)
+        return rate.sum(axis=2), (rate * (0.5 * inside + after)).sum(axis=2)
+
     def mean_accelerations(self, times: Array) -> Array:
         """Mean accelerations between times (K + 1,), shape (K, n); 0 where two times are equal."""
-        ends = np.cumsum(self.phases, axis=1)
-        gained = np.zeros((len(times), len(ends)))  # change of the rate since the start
-        for i in range(3):
-            since = ends[:, i] - self.phases[:, i]
-            inside = np.clip(times[:, None] - since, 0.0, self.phases[:, i])
-            gained += inside * self.accelerations[:, i]
-        lengths = np.diff(times)[:, None]
-        nothing = np.zeros((len(lengths), len(ends)))
-        return np.divide(np.diff(gained, axis=0), lengths, out=nothing, where=lengths > 0.0)
+        lengths, gained = np.diff(times)[:, None], np.diff(self.gained(times)[0], axis=0)
+        return np.divide(gained, lengths, out=np.zeros_like(gained), where=lengths > 0.0)
 
 
 def blind_motion(task: Task, stretch: float = 0.0) -> BlindMotion | None:
@@ -154,11 +158,7 @@ def _seems_safe(task: Task, motion: BlindMotion) -> bool:
     inner = np.linspace(0.0, motion.duration, SAMPLES)[1:-1]
     times = np.sort(np.concatenate([edges[1:] - near, edges[:-1] + near, inner]))
     times = np.clip(times, near, motion.duration - near)
-    a = motion.acceleration_at(times)
-    grid = np.concatenate([[0.0], times])
-    means = motion.mean_accelerations(grid)
-    h = np.diff(grid)[:, None]
-    v = task.start.v + np.cumsum(h * means, axis=0)
-    before = np.vstack([task.start.v, v[:-1]])
-    q = task.start.q + np.cumsum(0.5 * h * (before + v), axis=0)
-    return task.constraints.outside(q, v, a, 1.0) <= GUARD
+    rate, moved = motion.gained(times)
+    v = task.start.v + rate
+    q = task.start.q + times[:, None] * task.start.v + moved
+    return task.constraints.outside(q, v, motion.acceleration_at(times), 1.0) <= GUARD
