@@ -136,6 +136,24 @@ def test_grounds(ground: Any) -> None:
     refuses(zs.ProblemError, "ground", problem, ground=ground)
 
 
+@pytest.mark.parametrize("gravity", [[0.0, 0.0, -9.81], np.zeros(2), None, np.full(3, np.nan)])
+def test_gravity_of_grounds(gravity: Any) -> None:
+    class Own:
+        def gravity(self, yaw: float = 0.0) -> Any:
+            return gravity
+
+    refuses(zs.ProblemError, "gravity", problem, ground=Own())
+    refuses(zs.MachineError, "gravity", zs.zmp, MACHINE, POSE, POSE, POSE, Own())
+
+
+def test_constraints_of_certificates() -> None:
+    motion = zs.phase_plane(MACHINE, POSE, PAPER_GOAL)
+    for given in (5, [5], [zs.TorqueLimits, 5]):
+        refuses(
+            zs.ProblemError, "constraints", zs.certify, MACHINE, motion, SLOPE, constraints=given
+        )
+
+
 @pytest.mark.parametrize("machine", [None, "feller_buncher", 3, zs.Machine, object()])
 def test_machines(machine: Any) -> None:
     refuses(zs.ProblemError, "machine", problem, machine=machine)

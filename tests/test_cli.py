@@ -370,6 +370,12 @@ def test_the_simplified_model_is_a_scenario_like_any_other(
     assert result["joints"]["head"]["peak_rate"] < 1e-12  # [rad/s]
 
 
+def test_the_package_runs_as_a_module() -> None:
+    command = [sys.executable, "-m", "zmp_sqp", "--version"]
+    found = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert found.stdout.startswith("zmp-sqp ")
+
+
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as caught:
         cli.main(["--version"])

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
+import pickle
 import threading
 from dataclasses import replace
 
@@ -314,6 +316,8 @@ def test_a_goal_that_is_refused_raises_and_keeps_the_last_motion():
         ({"time_budget": 0.0}, "time_budget"),
         ({"time_budget": np.nan}, "time_budget"),
         ({"goal": "home"}, "goal"),
+        ({"elapsed": "soon"}, "elapsed must be a number"),
+        ({"progress": 5}, "progress must be a function"),
     ],
 )
 def test_wrong_arguments_are_refused(arguments, complaint):
@@ -398,6 +402,34 @@ def test_what_is_no_machine_is_refused_by_name():
     planner.machine = "feller_buncher"
     with pytest.raises(zs.ProblemError, match="machine must be a Machine, not 'feller_buncher'"):
         planner.plan(problem.start, problem.goal)
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        ({"machine": None}, "machine must be a Machine"),
+        ({"qp_solver": "best"}, "unknown QP solver 'best'"),
+        ({"clock": 3.0}, "clock must be a function"),
+    ],
+)
+def test_a_planner_that_cannot_plan_is_refused_at_once(options, complaint):
+    given = {"machine": load_scenario("paper_1").problem.machine, **options}
+    with pytest.raises(zs.ProblemError, match=complaint):
+        zs.Planner(**given)
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda one: pickle.loads(pickle.dumps(one))])
+def test_a_copy_of_a_planner_goes_on_with_the_same_bits(copied):
+    problem = random_problem(5, HARD).problem
+    planner = planner_of(problem)
+    first = planner.plan(problem.start, problem.goal)
+    other = copied(planner)
+    q, v, _ = first.trajectory(0.5)
+    own, same = (one.plan(q, problem.goal, v, elapsed=0.5) for one in (planner, other))
+    check(own, q, v)
+    assert own.iterations == same.iterations
+    for name in ("times", "positions", "accelerations", "jerks"):
+        np.testing.assert_array_equal(getattr(own.trajectory, name), getattr(same.trajectory, name))
 
 
 @pytest.mark.parametrize("intervals", [12, 20])

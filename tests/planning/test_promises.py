@@ -46,6 +46,28 @@ def slow(machine: zs.Machine, q: Any, v: Any, a: Any) -> tuple[np.ndarray, np.nd
     return v[:, :1] - SLOW, jacobian
 
 
+def test_a_function_that_overwrites_its_arguments_changes_no_motion() -> None:
+    """Tip-over and other constraints must see the states, not what a function left of them."""
+
+    def careless(machine: zs.Machine, q: Any, v: Any, a: Any) -> tuple[np.ndarray, np.ndarray]:
+        found = slow(machine, q, v, a)
+        found = found[0].copy(), found[1]
+        for part in (q, v, a):
+            part[:] = 0.0
+        return found
+
+    machine, ground = zs.load_machine("feller_buncher"), zs.Slope(roll=-0.1)
+    plans = [
+        zs.plan(
+            zs.Problem(machine, START, GOAL, ground, constraints=[zs.PathRows("slow", function)])
+        )
+        for function in (slow, careless)
+    ]
+    assert plans[0].success
+    assert plans[1].margin == plans[0].margin
+    np.testing.assert_array_equal(plans[1].trajectory.positions, plans[0].trajectory.positions)
+
+
 @pytest.mark.parametrize("kind", ["generator", "map", "own class"])
 def test_constraints_that_can_be_read_only_once_hold_for_every_call(kind: str) -> None:
     class Once:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import csv
+import io
 import json
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 import zmp_sqp as zs
 from zmp_sqp.cli import main
@@ -16,6 +18,7 @@ from zmp_sqp.commands.tradeoff import _not_slower_than_larger_margins
 from zmp_sqp.errors import ScenarioError
 from zmp_sqp.scenario import load_scenario, read_content, scenario_of
 from zmp_sqp.scenario.variation import varied
+from zmp_sqp.show.study_tables import envelope_tables
 from zmp_sqp.studies.journal import Journal
 
 JOINTS = ("slew", "boom", "stick", "tilt", "head")
@@ -30,7 +33,8 @@ def test_a_batch_plans_what_it_can_and_goes_on_where_it_ended(tmp_path, capsys):
     broken.write_text("[machine\n", encoding="utf-8")
     out = tmp_path / "plans.jsonl"
     given = ["paper_1", str(broken), "paper_1_rigid"]
-    assert main(["batch", *given, "--out", str(out), "--workers", "1"]) == 1
+    assert main(["batch", *given, given[0], "--out", str(out), "--workers", "1"]) == 1
+    assert "more than once are planned once" in capsys.readouterr().out
     rows = {row["scenario"]: row for row in lines(out)}
     assert set(rows) == set(given)
     assert rows[str(broken)]["status"] == "refused"
@@ -152,6 +156,29 @@ def test_an_envelope_is_that_of_single_plans(tmp_path, capsys):
             assert float(row["duration"]) == plan.duration
             assert float(row["margin"]) == plan.margin
     assert (out / "envelope.png").stat().st_size > 10_000
+
+
+@pytest.mark.parametrize("width", [40, 80, 200])
+def test_tables_of_envelopes_split_no_number(width):
+    xs, ys = np.linspace(-30.0, 40.0, 13), np.linspace(0.0, 9000.0, 3)
+    rows = [
+        {"x": x, "y": y, "success": x < 30.0, "status": "refused", "duration": 4.5 + 1e-4 * y}
+        for x in xs
+        for y in ys
+    ]
+    out = io.StringIO()
+    console = Console(file=out, width=width)
+    tables = envelope_tables(rows, "x", "y", width=width)
+    for table in tables:
+        console.print(table)
+    words = out.getvalue().split()
+    assert max(map(len, out.getvalue().splitlines())) <= width
+    assert [word for word in words if word.startswith("4.5") or word in ("5.400", "x")]
+    assert words.count("5.400") == sum(x < 30.0 for x in xs)
+    assert words.count("x") == 3 * sum(x >= 30.0 for x in xs)
+    for x in xs:
+        assert f"{x:.4g}" in words
+    assert (len(tables) == 1) is (width == 200)
 
 
 def test_more_margin_never_takes_less_time(tmp_path, capsys):

@@ -120,6 +120,8 @@ def test_an_executor_that_ends_leaves_plans_that_say_so():
     ("arguments", "complaint"),
     [
         ({"problems": [1]}, r"problems\[0\] must be a Problem"),
+        ({"problems": 5}, "problems must be Problems, not 5"),
+        ({"problems": [], "executor": 5}, r"executor must be .* submit\(\), not 5"),
         ({"problems": [], "workers": 0}, "workers must be at least 1"),
         ({"problems": [], "workers": 1.5}, "workers must be a whole number"),
     ],

@@ -9,6 +9,7 @@ import pinocchio as pin
 
 from zmp_sqp.errors import GIVE_SUPPORT, MachineError
 from zmp_sqp.mechanics import Ground, Machine, Payload
+from zmp_sqp.mechanics.ground import check_ground
 
 __all__ = ["carried_links", "check_machine", "unit_payload"]
 
@@ -23,11 +24,7 @@ def check_machine(machine: Machine, ground: Ground) -> None:
         raise MachineError(
             f"machine must be a Machine (see load_machine), not {type(machine).__name__}"
         )
-    if isinstance(ground, type) or not isinstance(ground, Ground):
-        raise MachineError(
-            "ground must be a Slope, a Heightmap, or an object with their method gravity(yaw), "
-            f"not {ground!r}"
-        )
+    check_ground(ground, MachineError)
     if machine.support is None:
         raise MachineError(
             f"machine {machine.name!r} has no support polygon: {GIVE_SUPPORT.arguments}"

@@ -89,6 +89,8 @@ def run_batch(arguments: argparse.Namespace) -> int:
     there = {(row.get("scenario"), row.get("content")) for row in journal.rows}
     todo = [entry for entry in entries if (entry.given, entry.content) not in there]
     console = make_console(None)
+    if len(entries) < len(arguments.scenarios):
+        console.print("scenarios that are given more than once are planned once")
     if len(todo) < len(entries):
         console.print(f"{len(entries) - len(todo)} of {len(entries)} are there already")
     journal.rows = [row for row in journal.rows if not _is_old(row, todo)]

@@ -33,7 +33,7 @@ from zmp_sqp.planning import Problem
 from zmp_sqp.plots import envelope, save
 from zmp_sqp.scenario import read_content, scenario_of
 from zmp_sqp.scenario.variation import check_key, varied
-from zmp_sqp.show.study_tables import envelope_table
+from zmp_sqp.show.study_tables import ENVELOPE_LEGEND, envelope_tables
 
 __all__ = ["ENVELOPE_FILES", "add_envelope", "run_envelope"]
 
@@ -119,7 +119,11 @@ def run_envelope(arguments: argparse.Namespace) -> int:
     study = run_study(cases, arguments)
     console = make_console(arguments.json)
     console.print(f"{scenario.name}: {scenario.title}", style="bold", soft_wrap=True)
-    console.print(envelope_table(study.rows, x, y))
+    console.print(f"duration [s]: {x} to the right, {y} upwards", soft_wrap=True)
+    for table in envelope_tables(study.rows, x, y, width=console.width):
+        console.print(table)
+    if not all(row["success"] for row in study.rows):
+        console.print(ENVELOPE_LEGEND, soft_wrap=True)
     console.print(_verdict(study), soft_wrap=True)
     if arguments.out is not None:
         print_lines(console, _write(arguments.out, study, (x, y), figures=arguments.figures))

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from zmp_sqp.arrays import Array, frozen_array, shortened
+from zmp_sqp.arrays import Array, finite_number, frozen_array, shortened
 from zmp_sqp.blas import one_blas_thread
 from zmp_sqp.control.measured import widened_limits, within_limits
 from zmp_sqp.control.memory import Memory
@@ -41,6 +41,7 @@ from zmp_sqp.planning.search.planner import answer, checked_budget
 from zmp_sqp.planning.search.prove import Proven
 from zmp_sqp.planning.search.run import Candidate, Runs
 from zmp_sqp.planning.search.task import Task, lower_bound_of, task_of
+from zmp_sqp.sqp.backends import make_backend
 from zmp_sqp.sqp.result import IterationRecord
 
 __all__ = ["Planner"]
@@ -64,7 +65,7 @@ class Planner:
 
     It keeps the last certified motion with its multipliers. A new plan starts from the rest of that
     motion, falls back to a search from nothing, and is certified anew. Attributes may be changed
-    between calls.
+    between calls. Copies, pickled ones too, go on from the same motion.
 
     Attributes:
         machine: The machine, with its payload.
@@ -102,6 +103,18 @@ class Planner:
     _starved: bool = field(default=False, init=False, repr=False)
     _step_time: float = field(default=0.0, init=False, repr=False)  # [s] per interval
     _proof_time: float = field(default=0.0, init=False, repr=False)  # [s] of the last certificate
+
+    def __post_init__(self) -> None:
+        self._check()
+        make_backend(self.qp_solver)  # refuses a name that it does not know
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: getattr(self, name) for name in self.__slots__ if name != "_in_use"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        for name, value in state.items():
+            setattr(self, name, value)
+        self._in_use = threading.Lock()
 
     @one_blas_thread()
     def plan(
@@ -142,8 +155,9 @@ class Planner:
                 uses this planner.
         """
         with self._sole_use():
-            if not isinstance(self.machine, Machine):
-                raise ProblemError(f"machine must be a Machine, not {shortened(self.machine)}")
+            self._check()
+            if elapsed is not None:
+                elapsed = finite_number(elapsed, name="elapsed", error=ProblemError)
             if not isinstance(self.constraints, list | tuple):
                 # an iterator has its constraints only once: later calls would have none
                 self.constraints = checked_constraints(self.constraints)
@@ -163,6 +177,20 @@ class Planner:
             except ProblemError as fault:
                 return self._refused(fault, fields, runs)
             return self._planned(task, fields, elapsed, runs, time_budget)
+
+    def _check(self) -> None:
+        """Refuse what is no machine, and what is no clock.
+
+        Raises:
+            ProblemError: The machine is no Machine, or the clock cannot be called.
+        """
+        if not isinstance(self.machine, Machine):
+            raise ProblemError(f"machine must be a Machine, not {shortened(self.machine)}")
+        if not callable(self.clock):
+            raise ProblemError(
+                "clock must be a function that returns seconds, such as time.perf_counter, not "
+                f"{shortened(self.clock)}"
+            )
 
     def _task(self, arguments: Mapping[str, Any]) -> Task:
         """Planning task of a `Problem`; what has not changed since the last one is kept.

@@ -7,12 +7,21 @@ from typing import Protocol, TypeGuard, runtime_checkable
 
 import numpy as np
 
-from zmp_sqp.arrays import Array, finite_number
-from zmp_sqp.errors import MachineError, ProblemError
+from zmp_sqp.arrays import Array, finite_number, frozen_array, shortened
+from zmp_sqp.errors import MachineError, ProblemError, ZmpSqpError
 from zmp_sqp.mechanics.ground_motion import GroundMotion, GroundRates
 from zmp_sqp.mechanics.support import SupportPolygon
 
-__all__ = ["CLEARANCE", "GRAVITY", "Ground", "Slope", "Terrain", "is_uneven", "terrain_of"]
+__all__ = [
+    "CLEARANCE",
+    "GRAVITY",
+    "Ground",
+    "Slope",
+    "Terrain",
+    "check_ground",
+    "is_uneven",
+    "terrain_of",
+]
 
 GRAVITY = 9.81  # [m/s^2] magnitude of gravity, as in Song & Sharf 2020
 # [m] largest distance between the ground and the plane of the tracks at which the tracks still
@@ -256,6 +265,33 @@ class Slope:
         return np.asarray(
             GRAVITY * np.column_stack([cos * x + sin * y, cos * y - sin * x, np.full_like(yaw, z)])
         )
+
+
+def check_ground(ground: object, error: type[ZmpSqpError] = ProblemError) -> None:
+    """Refuse what is no ground, and a ground whose gravity is no vector.
+
+    Args:
+        ground: What the user gave.
+        error: Exception class to raise.
+
+    Raises:
+        error: It has no method `gravity(yaw)`, or that does not return three finite numbers in a
+            NumPy array.
+    """
+    if isinstance(ground, Slope):
+        return
+    if isinstance(ground, type) or not isinstance(ground, Ground):
+        raise error(
+            "ground must be a Slope, a Heightmap, or an object with their method gravity(yaw), "
+            f"not {shortened(ground)}"
+        )
+    gravity: object = ground.gravity()
+    if not isinstance(gravity, np.ndarray):
+        raise error(
+            "ground.gravity() must return a NumPy array of shape (3,), in m/s^2, not "
+            f"{shortened(gravity)}"
+        )
+    frozen_array(gravity, name="ground.gravity()", shape=(3,), error=error)
 
 
 def is_uneven(ground: Ground) -> TypeGuard[Terrain]:

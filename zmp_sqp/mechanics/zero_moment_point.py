@@ -8,7 +8,7 @@ import numpy as np
 
 from zmp_sqp.arrays import Array, frozen_array
 from zmp_sqp.errors import GIVE_SUPPORT, ContactLost, MachineError
-from zmp_sqp.mechanics.ground import Ground
+from zmp_sqp.mechanics.ground import Ground, check_ground
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.wrench import ground_reaction
 
@@ -43,11 +43,7 @@ def zmp(machine: Machine, q: Any, v: Any, a: Any, ground: Ground) -> Array:
         raise MachineError(
             f"machine must be a Machine (see load_machine), not {type(machine).__name__}"
         )
-    if isinstance(ground, type) or not isinstance(ground, Ground):
-        raise MachineError(
-            "ground must be a Slope, a Heightmap, or an object with their method gravity(yaw), "
-            f"not {ground!r}"
-        )
+    check_ground(ground, MachineError)
     position = _samples(machine, q, "q")
     velocity, acceleration = _samples(machine, v, "v"), _samples(machine, a, "a")
     for name, other in (("v", velocity), ("a", acceleration)):

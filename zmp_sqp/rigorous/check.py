@@ -16,6 +16,7 @@ from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.terrain.heightmap import Heightmap
 from zmp_sqp.mechanics.uncertainty import Corner
 from zmp_sqp.motion.trajectory import Trajectory
+from zmp_sqp.planning.constraints.binding import checked_constraints
 from zmp_sqp.planning.constraints.protocol import PathConstraint
 from zmp_sqp.planning.constraints.registry import TorqueLimits
 from zmp_sqp.planning.constraints.tip_over import edge_label, supported
@@ -93,7 +94,7 @@ def check_rigorously(
     _check(machine, trajectory, ground)
     margin = finite_number(margin, name="margin", error=ProblemError)
     every = tuple(corners) if corners else (Corner(machine, ground),)
-    torque, others = _by_kind(constraints)
+    torque, others = _by_kind(checked_constraints(constraints))
     stretches = [Stretch(k, 0.0, 1.0) for k in range(trajectory.intervals)]
     with working(LONGEST) as flint:
         motion = MotionSeries(flint, trajectory)

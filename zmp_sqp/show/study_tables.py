@@ -10,30 +10,42 @@ from zmp_sqp.show.tables import new_table
 if TYPE_CHECKING:
     from rich.table import Table
 
-__all__ = ["envelope_table", "tradeoff_table"]
+__all__ = ["ENVELOPE_LEGEND", "envelope_tables", "tradeoff_table"]
 
 NOTHING = "-"
+PADDING = 3  # characters between the columns of a table
 REFUSED = "refused"
 IMPOSSIBLE, UNSOLVED = "x", "?"  # cells without a motion
+ENVELOPE_LEGEND = f"{IMPOSSIBLE}: start or goal is impossible; {UNSOLVED}: no motion was found"
 
 
-def envelope_table(rows: Sequence[Mapping[str, Any]], x: str, y: str) -> Table:
+def envelope_tables(
+    rows: Sequence[Mapping[str, Any]], x: str, y: str, *, width: int
+) -> list[Table]:
     """Durations [s] over two keys: x to the right, y upwards.
 
-    `x` stands where start or goal are impossible, `?` where no motion was found.
+    What stands in cells without a motion says `ENVELOPE_LEGEND`. Where a line has
+    not enough characters for all values of x, several tables follow each other.
 
     Args:
         rows: Results, with the values of both keys.
         x, y: The keys.
+        width: Characters of a line.
     """
     xs, ys = (sorted({row[key] for row in rows}) for key in (x, y))
     found = {(row[x], row[y]): row for row in rows}
-    table = new_table(f"duration [s]: {y} / {x}", *(f"{value:.4g}" for value in xs))
-    for at_y in reversed(ys):
-        cells = [_duration(found.get((at_x, at_y))) for at_x in xs]
-        table.add_row(f"{at_y:.4g}", *cells)
-    table.caption = f"{IMPOSSIBLE}: start or goal is impossible; {UNSOLVED}: no motion was found"
-    return table
+    texts = {value: f"{value:.4g}" for value in (*xs, *ys)}
+    cells = {(a, b): _duration(found.get((a, b))) for a in xs for b in ys}
+    widest = max(map(len, (*texts.values(), *cells.values())))
+    columns = max((width - PADDING) // (widest + PADDING) - 1, 1)
+    tables = []
+    for first in range(0, len(xs), columns):
+        some = xs[first : first + columns]
+        table = new_table("", *(texts[value] for value in some))
+        for at_y in reversed(ys):
+            table.add_row(texts[at_y], *(cells[at_x, at_y] for at_x in some))
+        tables.append(table)
+    return tables
 
 
 def _duration(row: Mapping[str, Any] | None) -> str:

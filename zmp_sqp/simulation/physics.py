@@ -9,7 +9,7 @@ import numpy as np
 
 from zmp_sqp.arrays import Array, finite_number
 from zmp_sqp.errors import GIVE_SUPPORT, MachineError, ProblemError, TrajectoryError
-from zmp_sqp.mechanics.ground import Ground
+from zmp_sqp.mechanics.ground import Ground, check_ground
 from zmp_sqp.mechanics.joint_coupling import JointCoupling
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.motion.trajectory import Trajectory
@@ -184,11 +184,7 @@ def _check(machine: Machine, trajectory: Trajectory, ground: Ground) -> None:
         )
     if not isinstance(trajectory, Trajectory):
         raise TrajectoryError(f"trajectory must be a Trajectory, not {type(trajectory).__name__}")
-    if isinstance(ground, type) or not isinstance(ground, Ground):
-        raise ProblemError(
-            "ground must be a Slope, a Heightmap, or an object with their method gravity(yaw), "
-            f"not {ground!r}"
-        )
+    check_ground(ground)
     if machine.support is None:
         raise MachineError(
             f"machine {machine.name!r} has no support polygon: {GIVE_SUPPORT.arguments}"

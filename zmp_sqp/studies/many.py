@@ -95,18 +95,11 @@ def plan_many(
         The plans.
 
     Raises:
-        ProblemError: An entry is no Problem, `workers` is no positive whole number, or a worker
-            process imports a script that calls this without a guard.
+        ProblemError: An entry is no Problem, the executor has no `submit`, `workers` is no positive
+            whole number, or a worker process imports a script that calls this without a guard.
         Interrupted: Ctrl-C, which the processes do not outlive; `plans` has what was done.
     """
-    given = list(problems)
-    for i, problem in enumerate(given):
-        if not isinstance(problem, Problem):
-            raise ProblemError(f"problems[{i}] must be a Problem, not {shortened(problem)}")
-    if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int)):
-        raise ProblemError(f"workers must be a whole number, not {shortened(workers)}")
-    if workers is not None and workers < 1:
-        raise ProblemError(f"workers must be at least 1, not {workers}")
+    given = _checked(problems, executor, workers)
     if getattr(multiprocessing.current_process(), "_inheriting", False):
         raise ProblemError(
             "plan_many was called while a worker process imports your script: put the call under "
@@ -123,6 +116,33 @@ def plan_many(
     except KeyboardInterrupt:
         raise Interrupted(plans) from None
     return [one for one in plans if one is not None]
+
+
+def _checked(
+    problems: Iterable[Problem], executor: Executor | None, workers: int | None
+) -> list[Problem]:
+    """The problems of `plan_many` as a list.
+
+    Raises:
+        ProblemError: A wrong argument.
+    """
+    try:
+        given = list(problems)
+    except TypeError:
+        raise ProblemError(f"problems must be Problems, not {shortened(problems)}") from None
+    for i, problem in enumerate(given):
+        if not isinstance(problem, Problem):
+            raise ProblemError(f"problems[{i}] must be a Problem, not {shortened(problem)}")
+    if executor is not None and not callable(getattr(executor, "submit", None)):
+        raise ProblemError(
+            "executor must be a concurrent.futures.Executor or have its method submit(), not "
+            f"{shortened(executor)}"
+        )
+    if workers is not None and (isinstance(workers, bool) or not isinstance(workers, int)):
+        raise ProblemError(f"workers must be a whole number, not {shortened(workers)}")
+    if workers is not None and workers < 1:
+        raise ProblemError(f"workers must be at least 1, not {workers}")
+    return given
 
 
 @dataclass(slots=True)

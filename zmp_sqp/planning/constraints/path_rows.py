@@ -120,7 +120,8 @@ class PathRows:
                 is not finite where the values are.
         """
         try:
-            values, jacobian = self.function(machine, q, v, a)
+            # copies: other constraints see the same states, whatever the function does to its own
+            values, jacobian = self.function(machine, q.copy(), v.copy(), a.copy())
             values, jacobian = (np.asarray(part, dtype=float) for part in (values, jacobian))
         except Exception as cause:
             raise ProblemError(
@@ -159,7 +160,7 @@ class PathRows:
         bound, what = self.curvature_bound, f"constraint {self.name!r}: its curvature_bound"
         if callable(bound):
             try:
-                bound = bound(machine, v, a, j)
+                bound = bound(machine, v.copy(), a.copy(), j.copy())
             except Exception as cause:
                 raise ProblemError(f"{what} failed: {cause!r}") from cause
         try:

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from zmp_sqp.arrays import Array, frozen_array, shortened
+from zmp_sqp.arrays import Array, frozen_array
 from zmp_sqp.errors import ProblemError
 from zmp_sqp.mechanics.coordinates import Coordinates
-from zmp_sqp.mechanics.ground import Ground, Slope
+from zmp_sqp.mechanics.ground import Ground, Slope, check_ground
 from zmp_sqp.mechanics.joint_values import by_joint
 from zmp_sqp.mechanics.lumped_mass import simplified_coordinates
 from zmp_sqp.mechanics.machine import Machine
@@ -124,11 +124,7 @@ class Problem:
                 f"machine must be a Machine (see load_machine), not {type(self.machine).__name__}"
             )
         check_plannable(self.machine)
-        if isinstance(self.ground, type) or not isinstance(self.ground, Slope | Ground):
-            raise ProblemError(
-                "ground must be a Slope, a Heightmap, or an object with their method "
-                f"gravity(yaw), not {shortened(self.ground)}"
-            )
+        check_ground(self.ground)
         for name in STATES:
             self._set(name, self._state(name))
         self._set("intervals", checked_intervals(self.intervals, self.machine.size))

@@ -15,7 +15,7 @@ from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.uncertainty import Corner
 from zmp_sqp.motion.root_motion import check_tracks, with_ground
 from zmp_sqp.motion.trajectory import Trajectory
-from zmp_sqp.planning.constraints.binding import bound_rows
+from zmp_sqp.planning.constraints.binding import bound_rows, checked_constraints
 from zmp_sqp.planning.constraints.guarantee import Guarantee
 from zmp_sqp.planning.constraints.protocol import ConstraintRows, MotionSample, PathConstraint
 from zmp_sqp.planning.constraints.tip_over import Contact, TipOver, supported
@@ -167,8 +167,8 @@ def certify(
     """
     if (spread := finite_number(spread, name="spread", error=ProblemError)) < 0.0:
         raise ProblemError(f"spread must not be negative, not {spread:g} kg m^2")
-    corner = Corner(machine, ground, "", spread)
-    return certify_at((corner,), trajectory, margin, base=base, constraints=constraints)
+    corner, given = Corner(machine, ground, "", spread), checked_constraints(constraints)
+    return certify_at((corner,), trajectory, margin, base=base, constraints=given)
 
 
 def certify_for(problem: Problem, trajectory: Trajectory, *, anywhere: bool = False) -> Certificate:

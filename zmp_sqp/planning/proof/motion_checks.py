@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from zmp_sqp.errors import GIVE_SUPPORT, MachineError, ProblemError, TrajectoryError
-from zmp_sqp.mechanics.ground import Ground, Slope
+from zmp_sqp.mechanics.ground import Ground, check_ground
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.motion.consistency import drift_fault
 from zmp_sqp.motion.trajectory import Trajectory
@@ -22,11 +22,7 @@ def check_arguments(machine: Machine, trajectory: Trajectory, ground: Ground) ->
         )
     if not isinstance(trajectory, Trajectory):
         raise TrajectoryError(f"trajectory must be a Trajectory, not {type(trajectory).__name__}")
-    if not isinstance(ground, Slope | Ground):
-        raise ProblemError(
-            "ground must be a Slope, a Heightmap, or an object with their method gravity(yaw), "
-            f"not {ground!r}"
-        )
+    check_ground(ground)
     if machine.support is None:
         raise MachineError(
             f"machine {machine.name!r} has no support polygon: {GIVE_SUPPORT.arguments}"

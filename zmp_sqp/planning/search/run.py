@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from zmp_sqp.arrays import Array
+from zmp_sqp.errors import ProblemError
 from zmp_sqp.planning.program.staged import Motion, StagedProgram
 from zmp_sqp.sqp.backends import QPBackend, make_backend
 from zmp_sqp.sqp.backends.deadline import Punctual
@@ -128,8 +129,10 @@ class Runs:
         """Start the time budget, with a QP solver by name.
 
         Raises:
-            ProblemError: Unknown QP solver.
+            ProblemError: Unknown QP solver, or a `progress` that is no function.
         """
+        if progress is not None and not callable(progress):
+            raise ProblemError(f"progress must be a function of a record, not {progress!r}")
         if time_budget is not None:
             from zmp_sqp.sqp.backends import loaded  # noqa: F401 - not within the budget
         started = clock()
