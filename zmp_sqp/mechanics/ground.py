@@ -270,6 +270,8 @@ class Slope:
 def check_ground(ground: object, error: type[ZmpSqpError] = ProblemError) -> None:
     """Refuse what is no ground, and a ground whose gravity is no vector.
 
+    A terrain is not asked for its gravity: its map need not hold the origin.
+
     Args:
         ground: What the user gave.
         error: Exception class to raise.
@@ -285,6 +287,8 @@ def check_ground(ground: object, error: type[ZmpSqpError] = ProblemError) -> Non
             "ground must be a Slope, a Heightmap, or an object with their method gravity(yaw), "
             f"not {shortened(ground)}"
         )
+    if isinstance(ground, Terrain):
+        return
     gravity: object = ground.gravity()
     if not isinstance(gravity, np.ndarray):
         raise error(
