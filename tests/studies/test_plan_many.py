@@ -18,6 +18,7 @@ import pytest
 import zmp_sqp as zs
 from benchmarks.problems.arm import random_problem
 from zmp_sqp.studies.parcel import pack, work
+from zmp_sqp.studies.progress import _Lines
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -78,6 +79,17 @@ def test_plans_as_they_come_with_progress():
     )
     assert_same([found[i] for i in range(5)], given)
     assert seen == [(i + 1, 5) for i in range(5)]
+
+
+def test_without_a_terminal_a_line_tells_of_long_work_now_and_then(capsys):
+    now = [0.0]
+    lines = _Lines(100, clock=lambda: now[0])
+    for number in range(100):
+        now[0] += 7.0
+        lines(success=number % 10 != 0)
+    written = capsys.readouterr().err.splitlines()
+    assert written[0] == "planned 5 of 100, 1 without a motion; about 665 s to go"
+    assert len(written) == 19  # every 35 s, and none at the end
 
 
 def test_no_problems_take_no_time():

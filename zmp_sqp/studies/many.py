@@ -84,8 +84,9 @@ def plan_many(
         problems: Problems.
         executor: Executor that plans, such as Dask's `Client.get_executor()`; None starts local
             processes and ends them.
-        progress: Whether to show a bar on standard error if that is a terminal; or a function that
-            is called with the numbers of problems done and in all.
+        progress: Whether to show progress on standard error, a bar on a terminal and elsewhere a
+            line every 30 s; or a function that is called with the numbers of problems done and in
+            all.
         as_completed: Whether to return an iterator over pairs of number and plan, in the order in
             which they are done, instead of a list in the order of the problems.
         workers: Number of local processes; None for one per processor.

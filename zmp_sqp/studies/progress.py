@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Protocol
 
 __all__ = ["progress_bar"]
+
+EVERY = 30.0  # [s] between lines of progress where there is no terminal
 
 
 class Advance(Protocol):
@@ -21,8 +25,8 @@ def progress_bar(progress: bool | Callable[[int, int], None], total: int) -> Ite
     """Function to call after every problem.
 
     Args:
-        progress: Whether to show a bar if standard error is a terminal; or a function that is
-            called with the numbers of problems done and in all.
+        progress: Whether to show progress on standard error: a bar on a terminal, elsewhere a line
+            every 30 s; or a function that is called with the numbers of problems done and in all.
         total: Number of problems.
     """
     done = failed = 0
@@ -38,8 +42,11 @@ def progress_bar(progress: bool | Callable[[int, int], None], total: int) -> Ite
     from rich.console import Console
 
     screen = Console(stderr=True)
-    if not (progress and screen.is_terminal):
+    if not progress:
         yield lambda *, success: None
+        return
+    if not screen.is_terminal:
+        yield _Lines(total)
         return
     from rich.progress import (
         BarColumn,
@@ -65,3 +72,25 @@ def progress_bar(progress: bool | Callable[[int, int], None], total: int) -> Ite
             bar.update(task, advance=1, description=f"{failed} without a motion" if failed else "")
 
         yield advance
+
+
+class _Lines:
+    """Counts problems, and writes a line to standard error every `EVERY` seconds."""
+
+    def __init__(self, total: int, clock: Callable[[], float] = time.monotonic) -> None:
+        self.total, self.clock = total, clock
+        self.done = self.failed = 0
+        self.started = self.written = clock()
+
+    def __call__(self, *, success: bool) -> None:
+        """Count a problem, with or without a safe motion."""
+        self.done += 1
+        self.failed += not success
+        now = self.clock()
+        if now - self.written < EVERY or self.done == self.total:
+            return
+        self.written = now
+        left = (now - self.started) / self.done * (self.total - self.done)
+        failed = f", {self.failed} without a motion" if self.failed else ""
+        text = f"planned {self.done} of {self.total}{failed}; about {left:.0f} s to go"
+        print(text, file=sys.stderr, flush=True)
