@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from zmp_sqp.commands.console import add_command, make_console
-from zmp_sqp.commands.exit_codes import DONE, INTERRUPTED, UNSAFE
+from zmp_sqp.commands.exit_codes import DONE, INTERRUPTED, UNSAFE, Meanings
 from zmp_sqp.commands.live import live_line
 from zmp_sqp.commands.study_options import add_study_options, refused_row, row_of
 from zmp_sqp.errors import ZmpSqpError
@@ -22,9 +22,9 @@ from zmp_sqp.studies.journal import Journal
 __all__ = ["add_batch", "run_batch"]
 
 DESCRIPTION = """\
-Plan many scenarios on several processes. Every result is a row of the file, written at once: JSON
-lines (.jsonl) or Parquet (.parquet, with the extra `parquet`). A scenario that cannot be read, or
-that is refused, gets a row that says why; the others are planned.
+Plan many scenarios on several processes. Every result is a row of the file, written as soon as the
+plan is done: JSON lines (.jsonl) or Parquet (.parquet, with the extra `parquet`). A scenario that
+cannot be read, or that is refused, gets a row that says why; the others are planned.
 """
 EXAMPLES = """\
 examples:
@@ -65,6 +65,7 @@ def add_batch(commands: Any, shipped: str) -> None:
         run_batch,
         summary="plan many scenarios",
         description=DESCRIPTION,
+        codes=Meanings("all scenarios have a safe motion", "some have not; their rows say why"),
         notes=(EXAMPLES, ROW_KEYS, shipped),
     )
     command.add_argument(

@@ -27,7 +27,7 @@ from zmp_sqp.commands.console import (
     write_json,
 )
 from zmp_sqp.commands.constraint_options import add_constraint_option, constraints_of
-from zmp_sqp.commands.exit_codes import DONE, INTERRUPTED
+from zmp_sqp.commands.exit_codes import DONE, INTERRUPTED, Meanings
 from zmp_sqp.commands.live import live_line
 from zmp_sqp.commands.machine_options import (
     PAYLOAD_ARGUMENTS,
@@ -102,6 +102,7 @@ def add_chart(commands: Any, shipped: str) -> None:
         run_chart,
         summary="make the load chart of a machine",
         description=DESCRIPTION,
+        codes=Meanings(),
         notes=(EXAMPLES, machines, shipped, CHART_KEYS),
     )
     command.add_argument(

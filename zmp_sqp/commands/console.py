@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from zmp_sqp.commands.exit_codes import EXIT_CODES
+from zmp_sqp.commands.exit_codes import PLANNING, Meanings
 from zmp_sqp.errors import MissingExtra
 
 if TYPE_CHECKING:
@@ -40,6 +40,7 @@ def add_command(
     summary: str,
     description: str,
     notes: Iterable[str],
+    codes: Meanings = PLANNING,
 ) -> argparse.ArgumentParser:
     """Add a subcommand whose help ends with examples, keys and exit codes.
 
@@ -50,25 +51,26 @@ def add_command(
         summary: One line for the list of commands.
         description: Text above the options, printed as it stands.
         notes: Blocks of text below the options; the exit codes follow them.
+        codes: What the exit codes mean.
     """
     command: argparse.ArgumentParser = commands.add_parser(
         name,
         help=summary,
         description=description,
-        epilog="\n".join([*notes, EXIT_CODES]),
+        epilog="\n".join([*notes, str(codes)]),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     command.set_defaults(run=run)
     return command
 
 
-def add_out_option(command: argparse.ArgumentParser, files: Sequence[str]) -> None:
-    """Add `--out DIR`, which writes these files."""
+def add_out_option(command: argparse.ArgumentParser, files: Sequence[str], note: str = "") -> None:
+    """Add `--out DIR`, which writes these files; the note ends its help."""
     command.add_argument(
         "--out",
         type=Path,
         metavar="DIR",
-        help=f"folder for {', '.join(files)}; files of these names are replaced",
+        help=f"folder for {', '.join(files)}; files of these names are replaced{note}",
     )
 
 

@@ -18,7 +18,7 @@ from zmp_sqp.commands.console import (
     without_matplotlib,
     write_json,
 )
-from zmp_sqp.commands.exit_codes import DONE, INTERRUPTED, UNSAFE
+from zmp_sqp.commands.exit_codes import DONE, INTERRUPTED, UNSAFE, Meanings
 from zmp_sqp.commands.live import live_line
 from zmp_sqp.commands.study_options import (
     Case,
@@ -71,6 +71,7 @@ def add_envelope(commands: Any, shipped: str) -> None:
         run_envelope,
         summary="show duration and margin over two numbers of a scenario",
         description=DESCRIPTION,
+        codes=Meanings("at least one pair has a safe motion", "none has"),
         notes=(EXAMPLES, RESULT_KEYS, shipped),
     )
     command.add_argument(
@@ -80,10 +81,10 @@ def add_envelope(commands: Any, shipped: str) -> None:
         command.add_argument(
             f"--{axis}",
             nargs="+",
-            metavar=("KEY", "FROM TO [COUNT]"),
-            help=f"key of the scenario, least and largest value, and number of values; an entry of "
-            f"a list as in motion.goal_deg[slew] (default: {default} {SLOPES[0]:g} {SLOPES[1]:g} "
-            f"{STEPS})",
+            metavar=("KEY FROM TO", "COUNT"),
+            help=f"key of the scenario, and COUNT values from FROM to TO ({STEPS} if left out); "
+            f"an entry of a list as in motion.goal_deg[slew] (default: {default} {SLOPES[0]:g} "
+            f"{SLOPES[1]:g} {STEPS})",
         )
     add_study_options(command)
     add_result_options(command, ENVELOPE_FILES)

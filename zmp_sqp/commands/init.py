@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from zmp_sqp.commands.console import add_command, make_console, print_lines
-from zmp_sqp.commands.exit_codes import DONE, UNSAFE
+from zmp_sqp.commands.exit_codes import DONE, UNSAFE, Meanings
 from zmp_sqp.commands.live import live_line
 from zmp_sqp.commands.machine_options import (
     add_machine_options,
@@ -38,8 +38,9 @@ DESCRIPTION = """\
 Write two files to start from: a scenario in which one joint of the machine swings, and a
 joint_limits.yaml with all limits that are known; those that planning lacks are marked in it. Start
 and goal are within the limits and stand at rest, as does everything between them, so that the
-scenario plans as it is once no limit is missing. A machine that tips over wherever it was tried
-gets a place in the scenario for the polygon on which it stands, and exit code 1.
+scenario can be planned unchanged once the missing limits are filled in. A machine that tips over
+wherever it was tried gets a place in the scenario for the polygon on which it stands, and exit
+code 1.
 """
 EXAMPLES = """\
 examples:
@@ -61,6 +62,7 @@ def add_init(commands: Any) -> None:
         run_init,
         summary="write a scenario and joint limits to start from",
         description=DESCRIPTION,
+        codes=Meanings("done", "the machine tips over wherever it was tried"),
         notes=(EXAMPLES, f"shipped machines: {', '.join(shipped_machines())}\n"),
     )
     command.add_argument(

@@ -22,7 +22,7 @@ from zmp_sqp.commands.console import (
     without_matplotlib,
     write_json,
 )
-from zmp_sqp.commands.exit_codes import DONE
+from zmp_sqp.commands.exit_codes import DONE, Meanings
 from zmp_sqp.commands.live import live_line
 from zmp_sqp.commands.machine_options import (
     add_machine_options,
@@ -81,6 +81,7 @@ def add_inspect(commands: Any) -> None:
         run_inspect,
         summary="say what was understood of a machine: tables and a picture",
         description=DESCRIPTION,
+        codes=Meanings(),
         notes=(EXAMPLES, f"shipped machines: {', '.join(shipped_machines())}\n", INSPECTION_KEYS),
     )
     command.add_argument(

@@ -18,7 +18,7 @@ from zmp_sqp.commands.console import (
     without_matplotlib,
     write_json,
 )
-from zmp_sqp.commands.exit_codes import DONE, INTERRUPTED, UNSAFE
+from zmp_sqp.commands.exit_codes import DONE, INTERRUPTED, UNSAFE, Meanings
 from zmp_sqp.commands.live import live_line
 from zmp_sqp.paper.driving import driving_failures, run_driving
 from zmp_sqp.paper.figures import FIGURES, draw_figures
@@ -74,6 +74,10 @@ def add_paper(commands: Any) -> None:
         run_paper,
         summary="set the results of Song & Sharf 2020 beside those of zmp_sqp: tables and figures",
         description=DESCRIPTION,
+        codes=Meanings(
+            "done, and no motion is unsafe or slower than the paper says",
+            "some motion is; `failures` says which",
+        ),
         notes=(EXAMPLES, PAPER_KEYS),
     )
     add_out_option(command, PAPER_FILES)

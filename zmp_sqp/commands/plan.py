@@ -159,7 +159,8 @@ def _add_planning_options(command: argparse.ArgumentParser) -> None:
 
 def _add_output_options(command: argparse.ArgumentParser) -> None:
     add_rigorous_option(command)
-    add_out_option(command, PLAN_FILES)
+    note = ". trajectory.json is not for ROS controllers: they play what --export writes"
+    add_out_option(command, PLAN_FILES, note)
     add_html_option(command)
     add_export_option(command)
     add_json_option(command)

@@ -23,7 +23,7 @@ from zmp_sqp.commands.console import (
     to_json,
     write_json,
 )
-from zmp_sqp.commands.exit_codes import DONE, INTERRUPTED, UNSAFE
+from zmp_sqp.commands.exit_codes import DONE, INTERRUPTED, PLANNING, UNSAFE
 from zmp_sqp.commands.live import LiveLine, Steps, live_line
 from zmp_sqp.errors import MissingExtra, ScenarioError, TrajectoryError
 from zmp_sqp.motion.reading import SUFFIXES, read_motion
@@ -52,8 +52,8 @@ SIMULATED = (
 DESCRIPTION = """\
 Simulate a motion in MuJoCo, where the machine stands freely on the ground and may tip over. Given a
 file (any that `zmp-sqp check` takes), its motion is simulated; given a scenario, the planned motion
-and, beside it, the phase-plane baseline, which ignores the ZMP. The base has to stand: plans whose
-base drives cannot be replayed.
+and, beside it, the stability-blind motion (`phase plane`), which ignores the ZMP. The base has to
+stand: plans whose base drives cannot be replayed.
 """
 EXAMPLES = """\
 examples:
@@ -105,6 +105,10 @@ def add_replay(commands: Any, shipped: str) -> None:
         run_replay,
         summary="simulate a motion in a physics engine: does the machine tip over?",
         description=DESCRIPTION,
+        codes=PLANNING._replace(
+            done="the motion was found, and the machine does not tip over",
+            unsafe="no motion was found, or the machine tips over",
+        ),
         notes=(EXAMPLES, shipped, REPLAY_KEYS),
     )
     command.add_argument(

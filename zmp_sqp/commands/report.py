@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from zmp_sqp.commands.console import add_command, make_console
-from zmp_sqp.commands.exit_codes import DONE
+from zmp_sqp.commands.exit_codes import DONE, Meanings
 from zmp_sqp.errors import ScenarioError
 
 __all__ = ["add_html_option", "add_report", "check_html", "run_report", "write_report"]
@@ -39,6 +39,7 @@ def add_report(commands: Any) -> None:
         run_report,
         summary="write a page to look at plans in any browser",
         description=DESCRIPTION,
+        codes=Meanings(),
         notes=(EXAMPLES,),
     )
     command.add_argument(

@@ -20,7 +20,7 @@ from zmp_sqp.commands.console import (
     without_matplotlib,
     write_json,
 )
-from zmp_sqp.commands.exit_codes import DONE, INTERRUPTED, UNSAFE
+from zmp_sqp.commands.exit_codes import DONE, INTERRUPTED, UNSAFE, Meanings
 from zmp_sqp.commands.live import live_line
 from zmp_sqp.commands.study_options import (
     Case,
@@ -69,6 +69,7 @@ def add_tradeoff(commands: Any, shipped: str) -> None:
         run_tradeoff,
         summary="show duration against margin",
         description=DESCRIPTION,
+        codes=Meanings("at least one margin has a safe motion", "none has"),
         notes=(EXAMPLES, RESULT_KEYS, shipped),
     )
     command.add_argument(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from zmp_sqp.commands.console import add_command, make_console
-from zmp_sqp.commands.exit_codes import DONE
+from zmp_sqp.commands.exit_codes import DONE, Meanings
 from zmp_sqp.commands.machine_options import (
     add_machine_options,
     add_payload_options,
@@ -78,6 +78,7 @@ def add_view(commands: Any, shipped: str) -> None:
         run_view,
         summary="drag goal, slope and payload in a browser, and see the plan follow",
         description=DESCRIPTION,
+        codes=Meanings(),
         notes=(EXAMPLES, shipped, machines),
     )
     command.add_argument(

@@ -61,7 +61,7 @@ FIRST_RESERVE, FIRST_RESERVE_OVER_TERRAIN = 0.2, 0.7
 
 @dataclass(slots=True, eq=False)
 class Planner:
-    """Plans again and again from measured states, for a machine in motion.
+    """Plans again and again for a machine in motion.
 
     It keeps the last certified motion with its multipliers. A new plan starts from the rest of that
     motion, falls back to a search from nothing, and is certified anew. Attributes may be changed
@@ -129,7 +129,7 @@ class Planner:
         elapsed: float | None = None,
         progress: Callable[[IterationRecord], None] | None = None,
     ) -> Plan:
-        """Fastest certified motion from a measured state to a goal, within a time budget.
+        """Fastest certified motion that is found from a state to a goal, within a time budget.
 
         Args:
             start: Joint coordinates where the new motion begins, shape (n,) [rad or m]: those of

@@ -86,8 +86,8 @@ def plan_stop(
         margin: Distance that the ZMP keeps from every edge of the support polygon [m].
         intervals: Number of intervals of the time grid.
         qp_solver: As for `plan`.
-        time_budget: Time by `clock` after which no new QP starts [s]; then even braking is tried.
-            None for no limit.
+        time_budget: Time by `clock` after which no new QP starts [s]; then braking of all joints at
+            constant deceleration over the same time is tried. None for no limit.
         clock: As for `Planner`.
         options: Further arguments of `Problem`, such as `constraints` or `payload_uncertainty`.
 

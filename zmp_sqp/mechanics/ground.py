@@ -139,6 +139,8 @@ class Slope:
         roll: Tilt about the x axis of a machine at yaw = 0 [rad]; negative leans the machine to its
             left.
         pitch: Tilt about the y axis of a machine at yaw = 0 [rad]; positive points its nose down.
+            Where both are given: pitch first, then roll about the pitched x axis, R_y R_x, as in
+            the rpy of a URDF.
 
     Raises:
         MachineError: An angle that is not finite, or not within +-pi/2.

@@ -44,6 +44,8 @@ TOPICS = {
     "collisions": ("clearance", "collision", "collisions"),
     "jerk": ("jerk_limits",),
     "soil": (),
+    "loads that swing": (),
+    "strength of the structure": (),
 }
 UNCERTAIN = {
     "tipping_fraction": "the payload divided by {:g}",

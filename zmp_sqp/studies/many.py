@@ -73,7 +73,7 @@ def plan_many(
     qp_solver: str = "auto",
     time_budget: float | None = None,
 ) -> list[Plan] | Iterator[tuple[int, Plan]]:
-    """Plan many problems in parallel; each plan has the bits that `plan` gives.
+    """Plan many problems in parallel; without a time budget, with the bits that `plan` gives.
 
     By default local processes plan, one BLAS thread each. A script that calls this must have its
     own code under `if __name__ == "__main__":`, because worker processes import it. Every problem
@@ -98,7 +98,8 @@ def plan_many(
     Raises:
         ProblemError: An entry is no Problem, the executor has no `submit`, `workers` is no positive
             whole number, or a worker process imports a script that calls this without a guard.
-        Interrupted: Ctrl-C, which the processes do not outlive; `plans` has what was done.
+        Interrupted: Ctrl-C, which the processes do not outlive; `plans` has one
+            entry per problem, None where the plan was not done.
     """
     given = _checked(problems, executor, workers)
     if getattr(multiprocessing.current_process(), "_inheriting", False):

@@ -58,7 +58,8 @@ class PathRows:
             and the largest |rates|, |accelerations| and |jerks| of the joints in K stretches of
             time, shape (K, n) each, that returns the bound, shape (K, R).
         units: Unit of each row's value; None leaves them out.
-        scale: What counts as a large value, which brings rows to order one.
+        scale: Typical size of the values; the planner divides rows by it, to bring them to order
+            one.
 
     Raises:
         ProblemError: No name, nothing to call, labels or units that are not lists of texts, or a

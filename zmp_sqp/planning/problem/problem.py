@@ -54,7 +54,7 @@ STATES = ("start", "goal", "start_velocity", "goal_velocity")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Problem:
-    r"""Question for the fastest motion from a start to a goal that does not tip the machine over.
+    r"""Planning problem: the fastest motion from start to goal that does not tip the machine over.
 
     .. math:: \min T \quad \text{s.t. } q(0), \dot q(0), q(T), \dot q(T) \text{ given, limits, }
               \min_i (b_i - e_i \cdot p(t)) \ge margin

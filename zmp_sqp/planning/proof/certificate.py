@@ -139,6 +139,8 @@ def certify(
 ) -> Certificate:
     """Certificate of any trajectory of the machine, whether it was planned here or not.
 
+    It does not ask that the motion begin and end at rest, or at any place.
+
     Time is cut into stretches. Inside a stretch the ground reaction is close to a polynomial
     (`effort_curves`), or over uneven ground to a straight line (`effort_chords`), whose control
     points bound the rows of the constraints. A stretch whose bound is too loose is cut further.
@@ -149,11 +151,11 @@ def certify(
         trajectory: Motion of the joints of the machine, and of its base if it drives.
         ground: Ground that the machine stands or drives on.
         margin: Required distance from every edge [m].
-        base: Limits, x and y bounds, start and goal that the base's motion is checked against, see
-            `base_guarantees`; None checks none of them.
+        base: Limits, x and y bounds, start and goal that the base's motion is checked against; None
+            checks none of them.
         spread: Mass of a payload times the squared distance by which its centre of mass may be
             displaced, if this machine is one corner of an uncertain one: the margin is reduced
-            by the effect of `moment_of_spread` [kg m^2].
+            by the effect of that displacement in motion [kg m^2].
         constraints: Path constraints beside tip-over and the limits.
 
     Raises:

@@ -35,7 +35,7 @@ def plan(
     progress: Callable[[IterationRecord], None] | None = None,
     announce: Callable[[str], None] | None = None,
 ) -> Plan:
-    r"""Fastest safe motion of a problem, by SQP on a nonlinear program in normalised time.
+    r"""Fastest safe motion that a local search finds: SQP on a program in normalised time.
 
     .. math:: \min T \quad \text{s.t. ZMP in the polygon, joint limits}
               \qquad \text{(Song \& Sharf 2020, eq. (19))}
@@ -49,8 +49,8 @@ def plan(
 
     Args:
         problem: Problem to plan.
-        qp_solver: "auto" (ProxQP or PIQP, by size of the QP), "proxqp" (which leaves QPs of more
-            than 1200 variables to PIQP), "piqp", or "qpsolvers:NAME".
+        qp_solver: "auto" (PIQP; ProxQP for small QPs whose active rows are known), "proxqp" (which
+            leaves QPs of more than 1200 variables to PIQP), "piqp", or "qpsolvers:NAME".
         time_budget: Wall time after which no new QP starts [s]; a QP that has begun is finished.
             None for no limit.
         progress: Called after every SQP iteration with its record.
