@@ -72,7 +72,7 @@ def test_a_new_plan_takes_fewer_iterations_than_a_cold_start(seed):
     q, v, _ = first.trajectory(0.1 * first.duration)
     warm, cold = planner.plan(q, problem.goal, v), zs.plan(from_state(problem, q, v))
     assert warm.iterations <= 0.6 * cold.iterations
-    assert [run.purpose for run in warm.runs] == ["from the rest of the last motion"]
+    assert [run.purpose for run in warm.runs] == ["from the remainder of the last motion"]
 
 
 def test_within_a_budget_the_rest_of_an_optimal_motion_is_the_plan_for_a_short_time():

@@ -203,7 +203,7 @@ def test_the_rest_of_a_stop_in_closed_form_holds_the_base_that_drives():
     pose, velocity, _ = stop.trajectory.base(at)
     rest = replace(stop.problem.base, start=pose, start_velocity=velocity)
     task = task_of(replace(stop.problem, start=q, start_velocity=v, base=rest))
-    found = memory.rest(at)
+    found = memory.remainder(at)
     program, point = found.on(task, found.grid, found.duration)
     motion = trajectory(task.problem, program, point)
     for t in np.linspace(0.0, found.duration, 9):

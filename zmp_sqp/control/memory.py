@@ -1,4 +1,4 @@
-"""Warm start: the rest of the last motion, as initial guess of a changed problem."""
+"""Warm start: the remainder of the last motion, as initial guess of a changed problem."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from zmp_sqp.planning.search.answer import Status
 from zmp_sqp.planning.search.run import Candidate
 from zmp_sqp.planning.search.task import Task
 
-__all__ = ["Memory", "Rest"]
+__all__ = ["Memory", "Remainder"]
 
 SAMPLES = 8  # per interval, at which the last motion is compared with a measured state
 FINER = 8  # times that the interval about the nearest sample is divided by 8
@@ -23,13 +23,13 @@ NOTHING_ACTIVE = 1e-4  # sum of multipliers up to which no nonlinear row shapes 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Rest:
-    """Rest of a motion, in the coordinates of the planner.
+class Remainder:
+    """Remainder of a motion, in the coordinates of the planner.
 
     Attributes:
         grid: Grid of its remaining nodes, in time normalised by `duration`.
         controls: Accelerations at both ends of the intervals times duration^2, shape (N, 2, n).
-        duration: Duration of the rest [s].
+        duration: Duration of the remainder [s].
         rows: Multipliers of the nonlinear rows by interval, shape (N, R), and of the acceleration
             limits by side and interval, shape (2, N, 2 n); None if unknown.
         excess: Amounts added to the nonlinear rows for what happens between their points, shape
@@ -144,8 +144,8 @@ class Memory:
         off = np.abs(at_q - q) / reach, np.abs(at_v - v) / self.problem.machine.limits.velocity
         return np.asarray(np.maximum(*off).max(axis=1))
 
-    def rest(self, at: float) -> Rest:
-        """Rest of the motion from a time on [s], in the coordinates of the planner."""
+    def remainder(self, at: float) -> Remainder:
+        """Remainder of the motion from a time on [s], in the coordinates of the planner."""
         grid, controls, duration, rows, excess = self._whole()
         left = duration - at
         s = (grid.nodes * duration - at) / left
@@ -160,12 +160,12 @@ class Memory:
             # a multiplier is that of time itself, times the interval's share of the duration
             share = (cut.steps / grid.steps[k:])[:, None]
             rows = rows[0][k:] * share, rows[1][:, k:] * share
-        return Rest(cut, kept, left, rows, None if excess is None else excess[k:])
+        return Remainder(cut, kept, left, rows, None if excess is None else excess[k:])
 
     def _whole(
         self,
     ) -> tuple[Grid, Array, float, tuple[Array, Array] | None, Array | None]:
-        """Grid, controls, duration, multipliers and excess of the whole motion, see `Rest`."""
+        """Grid, controls, duration, multipliers and excess of the whole motion, see `Remainder`."""
         found = self.candidate
         if found is None:
             return *self._of_motion(), None, None

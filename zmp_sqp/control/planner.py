@@ -63,9 +63,9 @@ FIRST_RESERVE, FIRST_RESERVE_OVER_TERRAIN = 0.2, 0.7
 class Planner:
     """Plans again and again for a machine in motion.
 
-    It keeps the last certified motion with its multipliers. A new plan starts from the rest of that
-    motion, falls back to a search from nothing, and is certified anew. Attributes may be changed
-    between calls. Copies, pickled ones too, go on from the same motion.
+    It keeps the last certified motion with its multipliers. A new plan starts from the remainder of
+    that motion, falls back to a search from nothing, and is certified anew. Attributes may be
+    changed between calls. Copies, pickled ones too, go on from the same motion.
 
     Attributes:
         machine: The machine, with its payload.
@@ -146,9 +146,9 @@ class Planner:
             progress: Called after every SQP iteration with its record.
 
         Returns:
-            The plan. Where no motion to the goal is certified in time: the rest of the last motion,
-            with status KEPT, even if it leads to another goal (that of `plan.problem`); else a safe
-            motion to rest, with status STOP; else a plan without success.
+            The plan. Where no motion to the goal is certified in time: the remainder of the last
+            motion, with status KEPT, even if it leads to another goal (that of `plan.problem`);
+            else a safe motion to rest, with status STOP; else a plan without success.
 
         Raises:
             ProblemError: Wrong arguments, a goal that is refused, or a call while another thread
@@ -254,7 +254,7 @@ class Planner:
         return plan
 
     def _searches_first(self, last: Remains | None, runs: Runs) -> bool:
-        """Whether the rest of the last motion is certified only if the search fails.
+        """Whether the remainder of the last motion is certified only if the search fails.
 
         So it is after a call whose time budget had no room for a step beside its certificate.
         """
@@ -307,7 +307,7 @@ class Planner:
     def _spare(self, last: Remains | None, fields: Mapping[str, Any], runs: Runs) -> Plan | None:
         """Certified motion for the case that none to the goal is found in time.
 
-        It is the rest of the last motion, to its goal; else a stop that is found quickly.
+        It is the remainder of the last motion, to its goal; else a stop that is found quickly.
         """
         if last is not None and last.proven is not None and last.continued is not None:
             problem = last.continued

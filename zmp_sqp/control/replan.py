@@ -1,4 +1,4 @@
-"""Search for the next motion, from the rest of the last one."""
+"""Search for the next motion, from the remainder of the last one."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from zmp_sqp.arrays import Array
-from zmp_sqp.control.memory import Memory, Rest
+from zmp_sqp.control.memory import Memory, Remainder
 from zmp_sqp.errors import ProblemError
 from zmp_sqp.motion.trajectory import Trajectory
 from zmp_sqp.planning.problem.problem import Problem
@@ -44,11 +44,12 @@ WARM = SQPSettings(
     loosest=1e-5,
     relaxes=False,
 )
-# relative gain that the first step must promise where the rest of an optimal motion is at hand
+# relative gain that the first step must promise where the remainder of an optimal motion is at hand
 WORTHWHILE = 5e-5
-# relative increases of the rest's duration, at which a motion near it is looked for
+# relative increases of the remainder's duration, at which a motion near it is looked for
 SLOWER = (0.005, 0.05)
-# share of an optimal motion up to which its rest is as good as a new solution; only within budgets
+# share of an optimal motion up to which its remainder is as good as a new solution; only within
+# time budgets
 SOON = 0.03
 SAME_OBJECTS = ("machine", "ground")  # fields of a problem that must be the same for that
 SAME_VALUES = (
@@ -78,18 +79,18 @@ class Remains:
     at: float
 
     @cached_property
-    def rest(self) -> Rest:
-        """Rest of the motion, in the coordinates of the planner."""
-        return self.memory.rest(self.at)
+    def remainder(self) -> Remainder:
+        """Remainder of the motion, in the coordinates of the planner."""
+        return self.memory.remainder(self.at)
 
     @cached_property
     def motion(self) -> Trajectory:
-        """The rest, as a motion that starts at time 0."""
+        """The remainder, as a motion that starts at time 0."""
         return self.memory.motion.after(self.at)
 
     @cached_property
     def continued(self) -> Problem | None:
-        """The new problem with the goal that the rest leads to; None if the rest does not fit."""
+        """The new problem with the goal of the remainder; None if the remainder does not fit."""
         if meets_boundary_states(self.problem, self.motion):
             return self.problem
         old, base = self.memory.problem, self.problem.base
@@ -105,7 +106,7 @@ class Remains:
 
     @cached_property
     def proven(self) -> Proven | None:
-        """The rest itself, to the new goal or the old one; None unless it is certified."""
+        """The remainder itself, to the new goal or the old one; None unless it is certified."""
         if self.continued is None:
             return None
         checked = certify_for(self.continued, self.motion)
@@ -115,13 +116,13 @@ class Remains:
 
     @property
     def kept(self) -> Proven | None:
-        """The rest itself, if it leads to the new goal and is certified."""
+        """The remainder itself, if it leads to the new goal and is certified."""
         return self.proven if self.continued is self.problem else None
 
     @property
     def may_be_at_bound(self) -> bool:
         """Whether a motion at the bound may be near: tip-over did not shape the earlier one."""
-        return not self.rest.is_active and not self.memory.unfinished
+        return not self.remainder.is_active and not self.memory.unfinished
 
     @property
     def is_same_question(self) -> bool:
@@ -136,11 +137,11 @@ class Remains:
 
     @property
     def is_optimal(self) -> bool:
-        """Whether the rest is the solution of the new problem, but for what its grid costs.
+        """Whether the remainder is the solution of the new problem, but for what its grid costs.
 
-        By Bellman's principle the rest of an optimal motion is optimal. A new search has its nodes
-        at other times, and closer together. After up to `SOON` that shortened six rests by less
-        than 2e-5, and one by 2.5e-4.
+        By Bellman's principle the remainder of an optimal motion is optimal. A new search has its
+        nodes at other times, and closer together. After up to `SOON` that shortened six remainders
+        by less than 2e-5, and one by 2.5e-4.
         """
         return self.is_same_question and self.at <= SOON * self.memory.motion.duration
 
@@ -150,7 +151,7 @@ class Effort(NamedTuple):
 
     Attributes:
         intervals: Number of intervals of the grid.
-        probes: Whether to probe at the bound where tip-over does not shape the rest.
+        probes: Whether to probe at the bound where tip-over does not shape the remainder.
         fits: Whether a step of the search fits into the time.
     """
 
@@ -164,8 +165,8 @@ class Ready(NamedTuple):
 
     Attributes:
         proven: Certified motion; None if there is none.
-        near: Last point of the attempt to join the rest, which violates constraints; None if there
-            was no attempt.
+        near: Last point of the attempt to join the remainder, which violates constraints; None if
+            there was no attempt.
         probed: Whether it has been probed at the bound.
     """
 
@@ -178,7 +179,7 @@ class Earlier(NamedTuple):
     """Earlier motions that a new plan may use.
 
     Attributes:
-        last: Rest of the last certified motion; None if it is far from the state.
+        last: Remainder of the last certified motion; None if it is far from the state.
         guess: Motion from which the search starts; None if none is near state and goal.
     """
 
@@ -187,7 +188,7 @@ class Earlier(NamedTuple):
 
     @property
     def least_gain(self) -> float:
-        """Relative gain that makes a search worth while, where the rest is optimal; else 0."""
+        """Relative gain that makes a search worth while, where the remainder is optimal; else 0."""
         last, guess = self
         if last is None or last is not guess or not last.is_same_question:
             return 0.0
@@ -195,7 +196,7 @@ class Earlier(NamedTuple):
 
     @property
     def kept(self) -> Proven | None:
-        """Rest of the last motion, if it leads to the new goal and is certified."""
+        """Remainder of the last motion, if it leads to the new goal and is certified."""
         return None if self.last is None else self.last.kept
 
 
@@ -227,8 +228,8 @@ def ready_motion(
 ) -> Ready:
     """Certified motion that needs no long search.
 
-    With status KEPT it is the rest of the last motion, or a motion near it, looked for only where
-    time is limited: a search may find a faster one. With any other status it is the answer.
+    With status KEPT it is the remainder of the last motion, or a motion near it, looked for only
+    where time is limited: a search may find a faster one. With any other status it is the answer.
 
     Args:
         task: Task from the state now.
@@ -236,14 +237,14 @@ def ready_motion(
         runs: Runner of the searches, with their deadline.
         joins: Whether there is time to look for a motion near an earlier one.
         probes: Whether to probe at the bound where the earlier motion was there.
-        keeps: Whether there is time to certify the rest of the last motion before a search.
+        keeps: Whether there is time to certify the remainder of the last motion before a search.
     """
     known = arrived(task.problem) or without_search(task)
     if known is not None or not keeps:
         return Ready(known)
     at_bound, last, guess = task.lower_bound * (1.0 + AT_BOUND), earlier.last, earlier.guess
     solved = runs.deadline is not None and last is not None and last.is_optimal
-    if runs.deadline is None and (last is None or last.rest.duration > at_bound):
+    if runs.deadline is None and (last is None or last.remainder.duration > at_bound):
         return Ready(None)
     kept = earlier.kept
     if kept is not None and solved and last is not None:
@@ -259,7 +260,7 @@ def ready_motion(
             return Ready(proven, probed=True)
     if guess.memory.unfinished >= JOINED or not joins:
         return Ready(None, probed=probed)
-    return _joined(task, guess.rest, runs)._replace(probed=probed)
+    return _joined(task, guess.remainder, runs)._replace(probed=probed)
 
 
 def replanned(
@@ -296,7 +297,7 @@ def replanned(
     if spared and runs.is_late and not found.is_feasible:
         return Answer(_without_proof(task, found), found)
     proven = prove(task, found, runs)
-    kept = kept or (earlier.kept if proven.duration > guess.rest.duration else None)
+    kept = kept or (earlier.kept if proven.duration > guess.remainder.duration else None)
     if proven.status.success:
         if kept is None or proven.duration <= kept.duration:
             return Answer(proven)
@@ -311,7 +312,7 @@ def replanned(
         if answer.proven.status.success:
             return answer
         proven = answer.proven
-    return Answer(kept or _joined(task, guess.rest, runs).proven or proven, found)
+    return Answer(kept or _joined(task, guess.remainder, runs).proven or proven, found)
 
 
 def _from_nothing(task: Task, runs: Runs, *, spared: bool, probes: bool = True) -> Answer:
@@ -344,43 +345,49 @@ def _without_proof(task: Task, found: Candidate) -> Proven:
 def _from_rest(
     task: Task, guess: Remains, runs: Runs, effort: Effort, *, least_gain: float = 0.0
 ) -> Candidate:
-    """Motion that the search finds from the rest of the last one."""
-    rest = guess.rest
+    """Motion that the search finds from the remainder of the last one."""
+    remainder = guess.remainder
     if effort.probes and guess.may_be_at_bound:
         found = _probed(task, guess, runs)
         if found is not None:
             return found
     grid = Grid.of(effort.intervals)
-    program, point = rest.on(task, grid, max(rest.duration, task.lower_bound))
-    y, z, excess = np.zeros(program.equalities), rest.multipliers(program), rest.excess_of(program)
-    purpose = "from the rest of the last motion"
+    program, point = remainder.on(task, grid, max(remainder.duration, task.lower_bound))
+    y, z, excess = (
+        np.zeros(program.equalities),
+        remainder.multipliers(program),
+        remainder.excess_of(program),
+    )
+    purpose = "from the remainder of the last motion"
     settings = replace(WARM, worthwhile=least_gain)
     return runs.minimize(program, point, settings, y=y, z=z, excess=excess, purpose=purpose)
 
 
 def _probed(task: Task, guess: Remains, runs: Runs) -> Candidate | None:
-    """Feasible motion at the bound, from probes that begin at the rest of an earlier motion."""
-    rest = guess.rest
+    """Feasible motion at the bound, from probes that begin at the remainder of a motion."""
+    remainder = guess.remainder
 
     def on(grid: Grid) -> Array:
-        return rest.grid.on(grid, rest.controls)
+        return remainder.grid.on(grid, remainder.controls)
 
     return at_the_bound(task, runs, on)
 
 
-def _joined(task: Task, rest: Rest, runs: Runs) -> Ready:
-    """Certified motion near the rest, and a little slower."""
+def _joined(task: Task, remainder: Remainder, runs: Runs) -> Ready:
+    """Certified motion near the remainder, and a little slower."""
     near: Candidate | None = None
     for slower in SLOWER:
-        duration = max(rest.duration * (1.0 + slower), task.lower_bound)
-        program, point = rest.on(task, Grid.of(coarser(task.problem.first_intervals)), duration)
+        duration = max(remainder.duration * (1.0 + slower), task.lower_bound)
+        program, point = remainder.on(
+            task, Grid.of(coarser(task.problem.first_intervals)), duration
+        )
         found = nearest_feasible(program, point, runs.backend)
-        y, z = np.zeros(program.equalities), rest.multipliers(program)
+        y, z = np.zeros(program.equalities), remainder.multipliers(program)
         status = SQPStatus.FEASIBLE if found.feasible else SQPStatus.TIME_LIMIT
         result = SQPResult(found.point, y, z, found.excess, status, found.at, ())
         near = Candidate(program, result)
         if found.feasible:
-            runs.record(f"join the rest, {100.0 * slower:g} % slower", near)
+            runs.record(f"join the remainder, {100.0 * slower:g} % slower", near)
             proven = prove(task, near, runs)
             if proven.status.success:
                 return Ready(replace(proven, status=Status.KEPT))

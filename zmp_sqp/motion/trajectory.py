@@ -267,7 +267,7 @@ class Trajectory:
         return np.append(times[times < self.duration - 1e-9 / rate], self.duration)
 
     def after(self, t: float) -> Trajectory:
-        """The rest of the motion from a time on, as a motion that begins at time 0.
+        """The remainder of the motion from a time on, as a motion that begins at time 0.
 
         Positions, rates and accelerations are those of this motion, t later; the base's too.
 

@@ -205,7 +205,7 @@ class UnicycleMotion:
         )
 
     def after(self, k: int, since: float, times: Array) -> UnicycleMotion:
-        """The rest of the motion from a time in interval k on.
+        """The remainder of the motion from a time in interval k on.
 
         Args:
             k: Index of the interval.

@@ -27,7 +27,7 @@ class Status(enum.Enum):
         "give more time, or try another QP solver."
     )
     KEPT = (
-        "Kept: the rest of the last motion, or a motion close to it, which is safe; the time "
+        "Kept: the remainder of the last motion, or a motion close to it, which is safe; the time "
         "budget ended before a faster motion to the goal was found."
     )
     STOP = (
