@@ -146,6 +146,19 @@ def test_gravity_of_grounds(gravity: Any) -> None:
     refuses(zs.MachineError, "gravity", zs.zmp, MACHINE, POSE, POSE, POSE, Own())
 
 
+def test_grounds_that_fail_or_need_a_heading() -> None:
+    class NeedsYaw:
+        def gravity(self, yaw: float) -> np.ndarray:
+            return np.array([0.0, 0.0, -9.81])
+
+    class Odd(zs.Slope):
+        def gravity(self, yaw: float = 0.0) -> np.ndarray:
+            return np.zeros(5)
+
+    refuses(zs.ProblemError, r"define it as gravity\(self, yaw=0.0\)", problem, ground=NeedsYaw())
+    refuses(zs.ProblemError, "gravity", problem, ground=Odd())
+
+
 def test_constraints_of_certificates() -> None:
     motion = zs.phase_plane(MACHINE, POSE, PAPER_GOAL)
     for given in (5, [5], [zs.TorqueLimits, 5]):

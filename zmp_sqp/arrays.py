@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import fields
 from numbers import Real
 from typing import Any
 
@@ -62,6 +64,21 @@ def frozen_array(
         raise error(f"{name} must be finite, but entry {list(where)}{label} is {array[where]}")
     array.flags.writeable = False
     return array
+
+
+def set_frozen_state(self: Any, state: Sequence[Any]) -> None:
+    """`__setstate__` of frozen dataclasses with slots: arrays become read-only again.
+
+    Copies of arrays, and arrays out of a pickle, are writable otherwise.
+
+    Args:
+        self: The new instance.
+        state: Values of its fields.
+    """
+    for field, value in zip(fields(self), state, strict=True):
+        if isinstance(value, np.ndarray):
+            value.flags.writeable = False
+        object.__setattr__(self, field.name, value)
 
 
 def finite_number(value: Any, *, name: str, error: type[ZmpSqpError]) -> float:

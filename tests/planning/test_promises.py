@@ -5,6 +5,8 @@ Each test is a case that an attack on the library found.
 
 from __future__ import annotations
 
+import copy
+import pickle
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -212,3 +214,61 @@ def test_turned_inertias_that_are_symmetric_but_for_rounding_load(tmp_path: Path
         machine = zs.load_machine(path, support=stand, limits={"acceleration": 0.1})
         inertia = machine.model.inertias[2].inertia
         np.testing.assert_array_equal(inertia, inertia.T)
+
+
+def test_boundaries_of_the_lumped_mass_are_proven_beside_uncertain_payloads() -> None:
+    """Rows that do not depend on the corner have no stretches left where others still have."""
+
+    def pose(slew: float, boom: float) -> np.ndarray:
+        return np.array([slew, boom, -np.pi - 2.0 * boom, 0.4 + boom, 0.0])
+
+    load = zs.Payload(mass=1000.0, com=(0.0, 0.0, 1.5), frame="head")
+    plan = zs.plan(
+        zs.Problem(
+            zs.load_machine("feller_buncher").with_payload(load),
+            pose(0.0, -1.0),
+            pose(3.0, -0.6),
+            ground=zs.Slope(-0.1),
+            model="simplified",
+            margin=0.1,
+            intervals=8,
+            distance_limits=zs.DistanceLimits(velocity=0.3, acceleration=0.5),
+            payload_uncertainty=0.1,
+        )
+    )
+    assert plan.success
+    assert "distance_limits" in [found.name for found in plan.certificate.guarantees]
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda one: pickle.loads(pickle.dumps(one))])
+def test_copies_can_be_written_to_no_more_than_what_they_are_copies_of(copied: Any) -> None:
+    machine = zs.load_machine("feller_buncher")
+    problem = zs.Problem(machine, START, GOAL)
+    motion = zs.phase_plane(machine, START, GOAL)
+    same = copied(machine)
+    for array in (
+        same.support.offsets,
+        same.support.vertices,
+        same.limits.velocity,
+        copied(problem).goal,
+        copied(motion).positions,
+    ):
+        with pytest.raises(ValueError, match="read-only"):
+            array[...] = 0.0
+    assert (
+        zs.certify(same, motion, zs.Slope()).margin
+        == zs.certify(machine, motion, zs.Slope()).margin
+    )
+
+
+def test_numbers_in_lists_may_change_between_calls_of_a_planner() -> None:
+    machine = zs.load_machine("feller_buncher").with_payload(
+        zs.Payload(mass=1000.0, com=(0.0, 0.0, 1.5), frame="head")
+    )
+    box = [np.array(0.0), 0.0, 0.0]
+    planner = zs.Planner(machine, margin=0.05, intervals=12, payload_com_uncertainty=box)
+    before = planner.plan(START, GOAL).margin
+    box[0][...] = 0.8
+    after = planner.plan(START, GOAL)
+    fresh = zs.Planner(machine, margin=0.05, intervals=12, payload_com_uncertainty=box)
+    assert after.margin == fresh.plan(START, GOAL).margin < before

@@ -62,6 +62,30 @@ def test_a_batch_plans_what_it_can_and_goes_on_where_it_ended(tmp_path, capsys):
     assert "1 of 3 are there already" in capsys.readouterr().out
 
 
+def test_a_resumed_batch_counts_only_what_it_was_asked(tmp_path, capsys):
+    out = tmp_path / "plans.jsonl"
+    assert main(["batch", "paper_1", "paper_1_rigid", "--out", str(out), "--workers", "1"]) == 0
+    broken = tmp_path / "broken.toml"
+    broken.write_text("[machine\n", encoding="utf-8")
+    capsys.readouterr()
+    assert main(["batch", str(broken), "--out", str(out), "--resume"]) == 1
+    printed = capsys.readouterr().out
+    assert "0 of 1 scenarios have a safe motion" in printed
+    assert printed.count(str(broken)) == 1
+    assert main(["batch", "paper_1", "--out", str(out), "--resume"]) == 0
+    assert "1 of 1 scenarios have a safe motion\n" in capsys.readouterr().out
+    assert len(lines(out)) == 3
+
+
+@pytest.mark.parametrize("damage", [b"[1, 2]\n{}\n", b"null\n{}\n", b"\xff\xfe\n{}\n"])
+def test_a_file_of_something_else_is_not_resumed(damage, tmp_path, capsys):
+    out = tmp_path / "plans.jsonl"
+    out.write_bytes(damage)
+    assert main(["batch", "paper_1", "--out", str(out), "--resume"]) == 2
+    assert "line 1 is no" in capsys.readouterr().err
+    assert out.read_bytes() == damage
+
+
 def test_parquet_has_the_rows_of_the_lines(tmp_path):
     parquet = pytest.importorskip("pyarrow.parquet")
     out = tmp_path / "plans.parquet"

@@ -102,18 +102,27 @@ def run_batch(arguments: argparse.Namespace) -> int:
                 journal.add(row)
         except KeyboardInterrupt:
             interrupted = True
-    safe = sum(bool(row["success"]) for row in journal.rows)
-    missing = len(entries) - len(journal.rows)
+    # an earlier run may have left rows of scenarios that are not asked for now
+    rows = {row.get("scenario"): row for row in journal.rows}
+    asked = [rows[entry.given] for entry in entries if entry.given in rows]
+    safe = sum(bool(row.get("success")) for row in asked)
+    missing = len(entries) - len(asked)
     left = f" ({missing} are not planned)" if missing else ""
     console.print(f"{safe} of {len(entries)} scenarios have a safe motion{left}", soft_wrap=True)
-    for row in journal.rows:
-        if not row["success"]:
-            console.print(f"{row['scenario']}: {row['message']}", soft_wrap=True)
+    for row in asked:
+        if not row.get("success"):
+            console.print(_complaint(row), soft_wrap=True)
     console.print(f"wrote {journal.path}", soft_wrap=True)
     if interrupted:
         console.print("interrupted: --resume plans the rest")
         return INTERRUPTED
     return DONE if safe == len(entries) else UNSAFE
+
+
+def _complaint(row: Mapping[str, Any]) -> str:
+    """Why a scenario has no safe motion, with its name."""
+    name, message = str(row["scenario"]), str(row.get("message", ""))
+    return message if message.startswith(name) else f"{name}: {message}"
 
 
 def _is_old(row: dict[str, Any], todo: list[_Entry]) -> bool:

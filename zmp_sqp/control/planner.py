@@ -65,7 +65,8 @@ class Planner:
 
     It keeps the last certified motion with its multipliers. A new plan starts from the remainder of
     that motion, falls back to a search from nothing, and is certified anew. Attributes may be
-    changed between calls. Copies, pickled ones too, go on from the same motion.
+    changed between calls; constraints of your own must not change in place: give new ones. Copies,
+    pickled ones too, go on from the same motion.
 
     Attributes:
         machine: The machine, with its payload.

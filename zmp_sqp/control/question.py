@@ -66,8 +66,8 @@ class Question:
 
 def _copied(value: Any) -> Any:
     """A value that does not change with the one that was given."""
-    if isinstance(value, list):
-        return tuple(value)
+    if isinstance(value, list | tuple):
+        return tuple(map(_copied, value))
     return value.copy() if isinstance(value, np.ndarray | dict) else value
 
 

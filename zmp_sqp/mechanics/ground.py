@@ -282,16 +282,21 @@ def check_ground(ground: object, error: type[ZmpSqpError] = ProblemError) -> Non
         error: It has no method `gravity(yaw)`, or that does not return three finite numbers in a
             NumPy array.
     """
-    if isinstance(ground, Slope):
+    if type(ground) is Slope:
         return
     if isinstance(ground, type) or not isinstance(ground, Ground):
         raise error(
             "ground must be a Slope, a Heightmap, or an object with their method gravity(yaw), "
             f"not {shortened(ground)}"
         )
-    if isinstance(ground, Terrain):
+    if isinstance(ground, Terrain) and not isinstance(ground, Slope):
         return
-    gravity: object = ground.gravity()
+    try:
+        gravity: object = ground.gravity()
+    except Exception as cause:
+        raise error(
+            f"ground.gravity() failed: {cause!r}; define it as gravity(self, yaw=0.0)"
+        ) from cause
     if not isinstance(gravity, np.ndarray):
         raise error(
             "ground.gravity() must return a NumPy array of shape (3,), in m/s^2, not "

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from zmp_sqp.arrays import Array, distinct_texts, finite_number, frozen_array
+from zmp_sqp.arrays import Array, distinct_texts, finite_number, frozen_array, set_frozen_state
 from zmp_sqp.errors import HOLD, MachineError, warn_of_machine
 
 __all__ = [
@@ -52,6 +52,8 @@ class JointLimits:
     velocity: Array
     acceleration: Array
     effort: Array
+
+    __setstate__ = set_frozen_state
 
     def __post_init__(self) -> None:
         lengths = {}

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from zmp_sqp.arrays import Array, finite_number, frozen_array
+from zmp_sqp.arrays import Array, finite_number, frozen_array, set_frozen_state
 from zmp_sqp.errors import MachineError
 from zmp_sqp.mechanics.inertia import checked_inertia
 
@@ -39,6 +39,8 @@ class Payload:
     com: Array
     frame: str
     inertia: Array | None = None
+
+    __setstate__ = set_frozen_state
 
     def __post_init__(self) -> None:
         mass = finite_number(self.mass, name="payload mass", error=MachineError)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from zmp_sqp.arrays import Array, finite_number, frozen_array
+from zmp_sqp.arrays import Array, finite_number, frozen_array, set_frozen_state
 from zmp_sqp.errors import MachineError
 
 __all__ = ["SupportPolygon"]
@@ -45,6 +45,8 @@ class SupportPolygon:
     normals: Array = field(init=False, repr=False)
     offsets: Array = field(init=False, repr=False)
     reach: float = field(init=False, repr=False)
+
+    __setstate__ = set_frozen_state
 
     def __post_init__(self) -> None:
         vertices = frozen_array(

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from zmp_sqp.arrays import Array, Indices, finite_number, frozen_array
+from zmp_sqp.arrays import Array, Indices, finite_number, frozen_array, set_frozen_state
 from zmp_sqp.errors import TrajectoryError
 from zmp_sqp.mechanics.ground import Terrain
 from zmp_sqp.mechanics.machine import Machine
@@ -63,6 +63,8 @@ class Trajectory:
     base: UnicycleMotion | None = None
     snaps: Any = None
     crackles: Any = None
+
+    __setstate__ = set_frozen_state
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joint_names", tuple(self.joint_names))

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from zmp_sqp.arrays import Array, Indices, frozen_array, shortened
+from zmp_sqp.arrays import Array, Indices, frozen_array, set_frozen_state, shortened
 from zmp_sqp.errors import TrajectoryError
 from zmp_sqp.mechanics.ground import Slope, Terrain
 from zmp_sqp.motion.base_path import GAUSS_NODES, PositionCurve
@@ -72,6 +72,8 @@ class UnicycleMotion:
     jerks: Array
     ground: Terrain = PLANE
     _path: PositionCurve = field(init=False, repr=False)
+
+    __setstate__ = set_frozen_state
 
     def __post_init__(self) -> None:
         count = len(self.times)

@@ -86,14 +86,17 @@ class Journal:
         if not self._lines.exists():
             yield from _parquet().read_table(self.path).to_pylist()
             return
-        lines = self._lines.read_text(encoding="utf-8").splitlines(keepends=True)
+        lines = self._lines.read_bytes().splitlines(keepends=True)
         for number, line in enumerate(lines, start=1):
             try:
-                yield json.loads(line)
+                row = json.loads(line.decode("utf-8"))
             except ValueError:
                 if number == len(lines):  # a killed run may leave half a line
                     return
                 raise ProblemError(f"{self._lines}: line {number} is no JSON") from None
+            if not isinstance(row, dict):
+                raise ProblemError(f"{self._lines}: line {number} is no row of results")
+            yield row
 
     def _to_parquet(self) -> None:
         """Turn the lines into the Parquet file, and remove them."""

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from zmp_sqp.arrays import Array, frozen_array
+from zmp_sqp.arrays import Array, frozen_array, set_frozen_state
 from zmp_sqp.errors import ProblemError
 from zmp_sqp.mechanics.coordinates import Coordinates
 from zmp_sqp.mechanics.ground import Ground, Slope, check_ground
@@ -117,6 +117,8 @@ class Problem:
     constraints: Any = ()
     _coordinates: Coordinates = field(init=False, repr=False)
     _undercarriage: Undercarriage = field(init=False, repr=False)
+
+    __setstate__ = set_frozen_state
 
     def __post_init__(self) -> None:
         if not isinstance(self.machine, Machine):

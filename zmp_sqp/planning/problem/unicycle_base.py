@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from zmp_sqp.arrays import Array, distinct_texts, finite_number, frozen_array
+from zmp_sqp.arrays import Array, distinct_texts, finite_number, frozen_array, set_frozen_state
 from zmp_sqp.errors import ProblemError
 from zmp_sqp.mechanics.limits import JointLimits
 from zmp_sqp.motion.double_integrator import minimum_time
@@ -62,6 +62,8 @@ class UnicycleBase:
     goal_velocity: Any = None
     x_bounds: Any = None
     y_bounds: Any = None
+
+    __setstate__ = set_frozen_state
 
     def __post_init__(self) -> None:
         for name in LIMITS:

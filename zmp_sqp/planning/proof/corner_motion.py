@@ -148,6 +148,8 @@ class CornerMotion:
         corners = np.unique(stretches.corner) if per_corner[0].per_corner else [0]
         for corner in corners:
             chosen = stretches.corner == corner
+            if not chosen.any():
+                continue  # rows that do not depend on the corner are proven already
             part = self._values_of_rows(per_corner[corner], stretches[chosen], int(corner))
             found.put(chosen, part)
         return found
