@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,7 +22,7 @@ __all__ = ["CornerJacobian"]
 Mask = npt.NDArray[np.bool_]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class CornerJacobian:
     """Inequality Jacobian of which only the rows in the quadratic program are formed.
 
@@ -73,8 +74,13 @@ class CornerJacobian:
         starts = np.concatenate([[0], np.cumsum(is_variable.sum(axis=1))])
         shape = len(rows), self.stages.size
         nonlinear = sp.csr_matrix((entries[is_variable], columns[is_variable], starts), shape=shape)
-        limits = self.limits.selected(mask[self.nonlinear :])
-        return sp.csc_matrix(sp.vstack([nonlinear.tocsc(), limits], format="csc"))
+        limits = self._limits_by_row[mask[self.nonlinear :]]
+        return sp.vstack([nonlinear, limits], format="csr").tocsc()
+
+    @cached_property
+    def _limits_by_row(self) -> sp.csr_matrix:
+        """Jacobian of the limits, stored by row."""
+        return self.limits.matrix.tocsr()
 
     def leading(self, values: Array) -> Mask:
         """Mask of the rows that are largest among all corners, and of all other inequalities.

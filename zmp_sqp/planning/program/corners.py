@@ -13,6 +13,7 @@ import pinocchio as pin
 from zmp_sqp.arrays import Array, Indices
 from zmp_sqp.blas import scipy_linalg
 from zmp_sqp.mechanics.ground import Slope
+from zmp_sqp.mechanics.workspace import workspace_of
 from zmp_sqp.mechanics.wrench import WRENCH
 from zmp_sqp.planning.constraints.protocol import StageModel
 from zmp_sqp.planning.program.driving.model import DrivingModel
@@ -149,17 +150,19 @@ class CornerModels:
         mass m_i and first moment h_i in the body's frame, at position p_i and rotation R_i.
         """
         machine = self.models[0].machine
-        model, data = machine.model, machine.model.createData()
+        model, data = machine.model, workspace_of(machine.model).data
         joints, masses, moments = self._differences
         first = np.empty((len(q), 3))
         positions = np.empty((len(joints), len(q), 3))
         rotations = np.empty((len(joints), len(q), 3, 3))
         coordinates = self.models[0].coordinates
+        # views of the memory that Pinocchio writes into
+        placed = [data.oMi[joint] for joint in joints.tolist()]
+        views = [(i, one.translation, one.rotation) for i, one in enumerate(placed)]
         for k, one in enumerate(machine.configuration(coordinates.joints(q[:, : self.arm]))):
-            first[k] = pin.centerOfMass(model, data, one)
-            for i, joint in enumerate(joints.tolist()):
-                positions[i, k] = data.oMi[joint].translation
-                rotations[i, k] = data.oMi[joint].rotation
+            first[k] = pin.centerOfMass(model, data, one, False)
+            for i, position, rotation in views:
+                positions[i, k], rotations[i, k] = position, rotation
         found = np.repeat(machine.mass * first[None], len(self.models), axis=0)
         for i in range(len(joints)):
             found += masses[:, i, None, None] * positions[i]

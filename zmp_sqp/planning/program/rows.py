@@ -198,7 +198,9 @@ class StageExpansion:
         by_S = step[:, 3 * layout.size] / layout.S
         of_efforts = self.efforts.change(step) @ layout.matrices.transpose(0, 2, 1)
         of_efforts += by_S[:, None] * layout.offsets[:, None]
-        others = np.einsum("kvoj,kj->kvo", self.others, step)
+        K, V, count, _ = self.others.shape
+        # NumPy takes as long for no rows as for some
+        others = np.einsum("kvoj,kj->kvo", self.others, step) if count else np.zeros((K, V, 0))
         return layout.assembled(of_efforts, others, (self.common @ step[:, :, None])[:, :, 0])
 
 

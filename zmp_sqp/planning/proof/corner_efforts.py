@@ -27,6 +27,7 @@ from zmp_sqp.errors import ProblemError
 from zmp_sqp.mechanics.ground import Ground, Slope, terrain_of
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.uncertainty import Corner
+from zmp_sqp.mechanics.workspace import workspace_of
 from zmp_sqp.mechanics.wrench import WRENCH, efforts
 from zmp_sqp.motion.trajectory import Trajectory
 
@@ -204,7 +205,7 @@ class _Kinematics:
         acceleration[:, :WRENCH] = root_acceleration
         if twist is not None:
             velocity[:, :WRENCH] = twist
-        model, data = machine.model, machine.model.createData()
+        model, data = machine.model, workspace_of(machine.model).data
         count = len(bodies), len(q)
         found = cls(
             np.empty((*count, 3, 3)),
@@ -214,14 +215,16 @@ class _Kinematics:
             np.empty((len(q), 3)),
         )
         states = zip(machine.configuration(q), velocity, acceleration, strict=True)
+        # views of the memory that Pinocchio writes into
+        moved = [(data.oMi[joint], data.v[joint], data.a[joint]) for joint in bodies]
+        views = [(p.rotation, p.translation, v.vector, a.vector) for p, v, a in moved]
         for k, state in enumerate(states):
-            found.first_moment[k] = pin.centerOfMass(model, data, state[0])
+            found.first_moment[k] = pin.centerOfMass(model, data, state[0], False)
             if bodies:
                 pin.forwardKinematics(model, data, *state)
-            for b, joint in enumerate(bodies):
-                pose = data.oMi[joint]
-                found.rotation[b, k], found.position[b, k] = pose.rotation, pose.translation
-                found.twist[b, k], found.acceleration[b, k] = data.v[joint], data.a[joint]
+            for b, (rotation, position, twist_now, acceleration_now) in enumerate(views):
+                found.rotation[b, k], found.position[b, k] = rotation, position
+                found.twist[b, k], found.acceleration[b, k] = twist_now, acceleration_now
         found.first_moment[:] *= machine.mass
         return found
 
