@@ -8,6 +8,7 @@ from __future__ import annotations
 import copy
 import pickle
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ import pytest
 
 import zmp_sqp as zs
 from zmp_sqp.planning.proof.subdivision import LeastValue
+from zmp_sqp.scenario import load_scenario
 from zmp_sqp.sqp.backends.piqp import PIQP
 from zmp_sqp.sqp.backends.proxqp import ProxQP
 from zmp_sqp.sqp.backends.qpsolvers import QPSolvers
@@ -272,3 +274,19 @@ def test_numbers_in_lists_may_change_between_calls_of_a_planner() -> None:
     after = planner.plan(START, GOAL)
     fresh = zs.Planner(machine, margin=0.05, intervals=12, payload_com_uncertainty=box)
     assert after.margin == fresh.plan(START, GOAL).margin < before
+
+
+def test_no_base_drives_on_a_slope_whose_gravity_is_overridden() -> None:
+    """Driving counts on roll and pitch: the plan was 0.68 m outside on the slope that was meant."""
+
+    class Steeper(zs.Slope):
+        def gravity(self, yaw: float = 0.0) -> np.ndarray:
+            return zs.Slope(self.roll - 0.25, self.pitch).gravity(yaw)
+
+    problem = load_scenario("retreat").problem
+    steeper = Steeper(problem.ground.roll, problem.ground.pitch)
+    with pytest.raises(zs.ProblemError, match=r"Steeper, which overrides gravity\(\)"):
+        replace(problem, ground=steeper)
+    motion = zs.plan(problem).trajectory
+    with pytest.raises(zs.ProblemError, match="overrides gravity"):
+        zs.certify(problem.machine, motion, steeper)

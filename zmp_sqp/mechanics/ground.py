@@ -315,8 +315,14 @@ def terrain_of(ground: Ground) -> Terrain:
     """Return the ground as a `Terrain`, on which a base can drive.
 
     Raises:
-        ProblemError: The ground only carries a machine that stands still.
+        ProblemError: The ground only carries a machine that stands still, or is a Slope whose
+            `gravity` was overridden: the motion of a base would count on roll and pitch alone.
     """
+    if isinstance(ground, Slope) and type(ground).gravity is not Slope.gravity:
+        raise ProblemError(
+            f"a base drives on a Slope as its roll and pitch say, not on {type(ground).__name__}, "
+            "which overrides gravity()"
+        )
     if not isinstance(ground, Terrain):
         raise ProblemError(
             f"a base drives on a Slope or a Heightmap, not on {type(ground).__name__}"
