@@ -16,7 +16,7 @@ from zmp_sqp.commands.batch import add_batch
 from zmp_sqp.commands.chart import add_chart
 from zmp_sqp.commands.check import add_check
 from zmp_sqp.commands.envelope import add_envelope
-from zmp_sqp.commands.exit_codes import BAD_INPUT, BROKEN_PIPE, EXIT_CODES, INTERRUPTED
+from zmp_sqp.commands.exit_codes import ANY, BAD_INPUT, BROKEN_PIPE, INTERRUPTED
 from zmp_sqp.commands.init import add_init
 from zmp_sqp.commands.inspect import add_inspect
 from zmp_sqp.commands.paper import add_paper
@@ -98,7 +98,7 @@ def _parser() -> argparse.ArgumentParser:
         description="Minimum-time motions of heavy mobile manipulators that do not tip over.",
         epilog=(
             "examples:\n  zmp-sqp plan paper_1 --out out/paper_1\n  zmp-sqp plan --help\n"
-            f"  zmp-sqp paper --out out/paper\n  zmp-sqp check --help\n\n{shipped}\n{EXIT_CODES}"
+            f"  zmp-sqp paper --out out/paper\n  zmp-sqp check --help\n\n{shipped}\n{ANY}"
         ),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

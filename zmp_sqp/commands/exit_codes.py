@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 __all__ = [
+    "ANY",
     "BAD_INPUT",
     "BROKEN_PIPE",
     "DONE",
-    "EXIT_CODES",
     "INTERRUPTED",
     "PLANNING",
     "UNSAFE",
@@ -17,13 +17,6 @@ __all__ = [
 
 DONE, UNSAFE, BAD_INPUT = 0, 1, 2
 INTERRUPTED, BROKEN_PIPE = 130, 141  # 128 + SIGINT, 128 + SIGPIPE, as shells report them
-EXIT_CODES = """\
-exit codes:
-  0  done
-  1  no motion was found, or it is unsafe; --help of each command says what 0 and 1 mean there
-  2  bad input; one sentence on standard error says which
-130  ended by Ctrl-C; what was done until then is kept
-"""
 
 
 class Meanings(NamedTuple):
@@ -48,6 +41,9 @@ class Meanings(NamedTuple):
         return "\n".join(lines)
 
 
+ANY = Meanings(
+    unsafe="no motion was found, or it is unsafe; --help of each command says what 0 and 1 mean",
+)
 PLANNING = Meanings(
     "done, and the motion is safe",
     "no motion was found, or the motion is unsafe; a message says why",
