@@ -93,10 +93,11 @@ def problem(case: str) -> zs.Problem:
     )
 
 
-# inverse dynamics that all corners need: payloads have eight independent parameters, and with joint
-# efforts gravities three
-BASIS = {"drive": 8, "efforts": 24, "drive with efforts": 24, "user rows": 8}
-BASIS |= {"terrain": 8, "payload": 2, "slope": 1, "moving": 8}
+# inverse dynamics that all corners need: one, and kinematics of differences, while the base stands;
+# else one for each of eight independent parameters of payloads, with joint efforts of 3 gravities
+BASIS = {"drive": 8, "efforts": 24, "drive with efforts": 24, "user rows": 1}
+BASIS |= {"terrain": 8, "payload": 1, "slope": 1, "moving": 1}
+DIFFERENCES = {"user rows": 7, "payload": 1, "slope": 0, "moving": 7}
 
 
 def states(n: int, positions: bool) -> tuple[Any, ...]:
@@ -115,6 +116,7 @@ def test_rows_of_all_corners_are_those_of_one_model_per_corner(case: str) -> Non
     rows = StageRows(bound, REFERENCE)
     assert bound.models is not None
     assert len(bound.models.basis) == BASIS[case]
+    assert bound.models.weights.shape[1] == BASIS[case] + DIFFERENCES.get(case, 0)
     at = states(rows.size, case == "terrain")
     every = BoundConstraints(bound.corners, ())
     alone = [StageRows(every.at([i]), REFERENCE) for i in range(len(bound.corners))]

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from zmp_sqp.arrays import Array, Indices
 from zmp_sqp.blas import scipy_linalg
 from zmp_sqp.mechanics.ground import Slope
-from zmp_sqp.mechanics.workspace import workspace_of
 from zmp_sqp.mechanics.wrench import WRENCH
 from zmp_sqp.planning.constraints.protocol import StageModel
+from zmp_sqp.planning.program.body_differences import BodyDifferences, BodyPoses
 from zmp_sqp.planning.program.driving.model import DrivingModel
 from zmp_sqp.planning.program.model import ArmModel
 
@@ -30,15 +29,19 @@ class CornerModels:
     r"""V models of one machine, whose efforts are linear combinations of those of B basis models.
 
     Inverse dynamics is linear in the inertial parameters \pi of the bodies (Atkeson, An &
-    Hollerbach 1986). Where the parameters of all corners are affine combinations of those of a few
-    corners, so are the efforts and their derivatives, exactly:
+    Hollerbach 1986). Where the differences of all corners from the first one are combinations of
+    those of D corners, so are the efforts and their derivatives, exactly:
 
-    .. math:: \pi_v = \sum_b C_{vb} \pi_b, \; \sum_b C_{vb} = 1 \quad \Rightarrow \quad
-              e_v = \sum_b C_{vb} e_b
+    .. math:: \pi_v = \pi_0 + \sum_d C_{vd} (\pi_d - \pi_0) \quad \Rightarrow \quad
+              e_v = e_0 + \sum_d C_{vd} (e_d - e_0)
 
     For example, two masses of a payload with its centre of mass at the eight corners of a box need
-    a basis of eight. Gravity at corner v differs by \delta_v from that of the basis. In the wrench
-    this adds the weight of the machine's mass m_v at its centre of mass c_v:
+    seven differences. While the base stands, the wrenches of the differences follow from the
+    kinematics of the bodies that differ (`BodyDifferences`), and the first model is the only one
+    whose inverse dynamics is computed. Where the base drives, that of all D + 1 models is.
+
+    Gravity at corner v differs by \delta_v from that of the first. In the wrench this adds the
+    weight of the machine's mass m_v at its centre of mass c_v:
 
     .. math:: f_v = \dots - S m_v \delta_v, \quad \tau_v = \dots - S\, m_v c_v \times \delta_v
 
@@ -50,10 +53,12 @@ class CornerModels:
     Attributes:
         models: Inverse dynamics at the V corners.
         basis: The B models that are evaluated.
-        weights: C, shape (V, B).
+        weights: Weights of the efforts of the basis models, and of the D differences where these
+            are not among the basis models, shape (V, B [+ D]).
         tilts: Differences delta of gravity, in the root frame (for a driving machine at yaw zero),
             shape (V, 3) [m/s^2].
         masses: Mass of the machine at each corner, shape (V,) [kg].
+        differences: The D differences; None where the basis has joint efforts or all V models.
     """
 
     models: tuple[StageModel, ...]
@@ -61,6 +66,7 @@ class CornerModels:
     weights: Array
     tilts: Array
     masses: Array
+    differences: BodyDifferences | None = None
 
     @classmethod
     def of(cls, models: Sequence[StageModel]) -> CornerModels:
@@ -69,21 +75,30 @@ class CornerModels:
         It holds all of them where they are not models of one machine, or where their gravity
         differs by more than a constant vector, as over different terrains.
         """
-        masses = _of_machines(models)[:, :, 0].sum(axis=1)
+        parameters = _of_machines(models)
+        masses = parameters[:, :, 0].sum(axis=1)
         gravity = _gravities(models)
         if gravity is None or not _differ_in_inertia_only(models):
             one = np.eye(len(models))
             return cls(tuple(models), tuple(models), one, np.zeros((len(models), 3)), masses)
-        parameters = _varying(_of_machines(models).reshape(len(models), -1))
-        tilts = gravity - gravity[0]
         if any(model.joint_efforts for model in models):
-            both = np.einsum("vi,vj->vij", parameters, _varying(gravity))
+            scaled = _scaled(parameters.reshape(len(models), -1)), _scaled(gravity)
+            with_one = [np.hstack([part, np.ones((len(part), 1))]) for part in scaled]
+            both = np.einsum("vi,vj->vij", *with_one)
             chosen, weights = _basis(both.reshape(len(models), -1))
-            basis, tilts = [models[b] for b in chosen], np.zeros_like(tilts)
-        else:
-            chosen, weights = _basis(parameters)
-            basis = [_on_ground_of(models[b], models[0]) for b in chosen]
-        return cls(tuple(models), tuple(basis), weights, tilts, masses)
+            basis = tuple(models[b] for b in chosen)
+            return cls(tuple(models), basis, weights, np.zeros_like(gravity), masses)
+        change = parameters - parameters[0]
+        chosen, shares = _basis(_scaled(change.reshape(len(models), -1)))
+        gravity = gravity - gravity[0]
+        differences = BodyDifferences.of(models[0], change[chosen])
+        basis = (models[0],)
+        first = np.ones((len(models), 1))
+        if not isinstance(models[0], ArmModel):
+            basis = (models[0], *(_on_ground_of(models[b], models[0]) for b in chosen))
+            first = first - shares.sum(axis=1, keepdims=True)
+        weights = np.hstack([first, shares])
+        return cls(tuple(models), basis, weights, gravity, masses, differences)
 
     def efforts(
         self, q: Array, w: Array, alpha: Array, S: float, positions: Array | None = None
@@ -93,12 +108,13 @@ class CornerModels:
         Args:
             q, w, alpha, S, positions: As for `StageModel.efforts`.
         """
-        of_basis = np.stack([model.efforts(q, w, alpha, S, positions) for model in self.basis])
-        found = _combined(self.weights, of_basis)
+        of_basis = [model.efforts(q, w, alpha, S, positions) for model in self.basis]
+        poses = self._poses(q)
+        if self._kinematic and poses:
+            of_basis.extend(self._kinematic.efforts(poses, w, alpha, S))
+        found = _combined(self.weights, np.stack(of_basis))
         if self.tilts.any():
-            tilts = self.tilts_at(q)
-            found[:, :, :3] -= S * self.masses[:, None, None] * tilts
-            found[:, :, 3:WRENCH] -= S * _cross(self.mass_moments(q), tilts)
+            self._tilt(found, S, self._mass_moments(poses), self.tilts_at(q))
         return found
 
     def linearize(
@@ -110,14 +126,35 @@ class CornerModels:
             q, w, alpha, S, positions: As for `StageModel.efforts`.
         """
         found = [model.effort_derivatives(q, w, alpha, S, positions) for model in self.basis]
+        of_basis = [part for part, _ in found]
         jacobian = np.stack([part for _, part in found], axis=1)  # (K, B, R, s)
-        efforts = _combined(self.weights, np.stack([part for part, _ in found]))
+        poses = self._poses(q)
+        if self._kinematic and poses:
+            changes, by_state = self._kinematic.derivatives(poses, w, alpha, S)
+            of_basis.extend(changes)
+            jacobian = np.concatenate([jacobian, by_state], axis=1)
+        efforts = _combined(self.weights, np.stack(of_basis))
         moments, tilts = None, None
         if self.tilts.any():
-            moments, tilts = self.mass_moments(q), self.tilts_at(q)
-            efforts[:, :, :3] -= S * self.masses[:, None, None] * tilts
-            efforts[:, :, 3:WRENCH] -= S * _cross(moments, tilts)
+            moments, tilts = self._mass_moments(poses), self.tilts_at(q)
+            self._tilt(efforts, S, moments, tilts)
         return CornerEfforts(self, S, efforts, jacobian, moments, tilts)
+
+    @property
+    def _kinematic(self) -> BodyDifferences | None:
+        """Differences whose wrenches follow from kinematics."""
+        return self.differences if isinstance(self.basis[0], ArmModel) else None
+
+    def _poses(self, q: Array) -> BodyPoses | None:
+        """Poses of the bodies that differ, where they or the centre of mass are needed."""
+        if self.differences is None or not (self._kinematic or self.tilts.any()):
+            return None
+        return self.differences.poses(q[:, : self.arm])
+
+    def _tilt(self, efforts: Array, S: float, moments: Array, tilts: Array) -> None:
+        """Add what differences of gravity add to efforts (V, K, R), in place."""
+        efforts[:, :, :3] -= S * self.masses[:, None, None] * tilts
+        efforts[:, :, 3:WRENCH] -= S * _cross(moments, tilts)
 
     @property
     def size(self) -> int:
@@ -143,44 +180,12 @@ class CornerModels:
         x, y, z = tilts[:, :, 0], tilts[:, :, 1], tilts[:, :, 2]
         return np.stack(np.broadcast_arrays(cos * x + sin * y, cos * y - sin * x, z), axis=2)
 
-    def mass_moments(self, q: Array) -> Array:
-        """Mass times centre of mass of each corner's machine, root frame, shape (V, K, 3) [kg m].
-
-        One forward kinematics per state: m c is the sum of m_i p_i + R_i h_i over the bodies i, of
-        mass m_i and first moment h_i in the body's frame, at position p_i and rotation R_i.
-        """
-        machine = self.models[0].machine
-        model, data = machine.model, workspace_of(machine.model).data
-        joints, masses, moments = self._differences
-        first = np.empty((len(q), 3))
-        positions = np.empty((len(joints), len(q), 3))
-        rotations = np.empty((len(joints), len(q), 3, 3))
-        coordinates = self.models[0].coordinates
-        # views of the memory that Pinocchio writes into
-        placed = [data.oMi[joint] for joint in joints.tolist()]
-        views = [(i, one.translation, one.rotation) for i, one in enumerate(placed)]
-        for k, one in enumerate(machine.configuration(coordinates.joints(q[:, : self.arm]))):
-            first[k] = pin.centerOfMass(model, data, one, False)
-            for i, position, rotation in views:
-                positions[i, k], rotations[i, k] = position, rotation
-        found = np.repeat(machine.mass * first[None], len(self.models), axis=0)
-        for i in range(len(joints)):
-            found += masses[:, i, None, None] * positions[i]
-            found += np.einsum("kij,vj->vki", rotations[i], moments[:, i])
-        return found
-
-    @cached_property
-    def _differences(self) -> tuple[Indices, Array, Array]:
-        """Differences of the bodies' masses and first moments from those at the first corner.
-
-        Returns:
-            Joints (J,) whose bodies differ, differences of mass (V, J) [kg] and of first moment
-            (V, J, 3) [kg m].
-        """
-        parameters = _of_machines(self.models)[:, :, :4]
-        change = parameters - parameters[0]
-        joints = np.flatnonzero(change.any(axis=(0, 2)))
-        return joints + 1, change[:, joints, 0], change[:, joints, 1:]
+    def _mass_moments(self, poses: BodyPoses | None) -> Array:
+        """Mass times centre of mass of each corner's machine, root frame, (V, K, 3) [kg m]."""
+        assert poses is not None
+        assert self.differences is not None
+        changes = self.differences.first_moments(poses)
+        return poses.first_moment + _combined(self.weights[:, 1:], changes)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -191,8 +196,8 @@ class CornerEfforts:
         corners: Models of the corners.
         S: Squared duration [s^2].
         efforts: S times the efforts, shape (V, K, R).
-        jacobian: Jacobian of the basis models' efforts by (q, w, alpha, S [, positions]), shape
-            (K, B, R, 3n + 1 [+ 2]).
+        jacobian: Jacobian by (q, w, alpha, S [, positions]) of the efforts that `weights` combines,
+            shape (K, B [+ D], R, 3n + 1 [+ 2]).
         moments: Mass times centre of mass, shape (V, K, 3) [kg m]; None where gravity is equal at
             all corners.
         tilts: Differences of gravity, shape (V, K, 3) or (V, 1, 3) [m/s^2]; None where gravity is
@@ -235,7 +240,7 @@ class CornerEfforts:
 
     @property
     def _by_acceleration(self) -> Array:
-        """Jacobian of the basis models' forces by joint accelerations, (K, B, 3, arm) [kg m].
+        """Jacobian of the combined forces by joint accelerations, (K, B [+ D], 3, arm) [kg m].
 
         Equals the Jacobian of mass times centre of mass by joint positions.
         """
@@ -298,8 +303,9 @@ def _times(jacobian: Array, step: Array) -> Array:
 
 def _combined(weights: Array, of_basis: Array) -> Array:
     """Linear combinations (V, ...) of values of the basis models (B, ...)."""
-    found = weights @ of_basis.reshape(len(of_basis), -1)
-    return np.asarray(found.reshape(len(weights), *of_basis.shape[1:]))
+    shape = of_basis.shape[1:]
+    found = weights @ of_basis.reshape(len(of_basis), math.prod(shape))
+    return np.asarray(found.reshape(len(weights), *shape))
 
 
 def _cross(a: Array, b: Array) -> Array:
@@ -331,15 +337,16 @@ def _of_machines(models: Sequence[StageModel]) -> Array:
     return np.stack([found[id(model.machine)] for model in models])
 
 
-def _varying(values: Array) -> Array:
-    """Columns that differ between rows, scaled to order one, and a column of ones."""
+def _scaled(values: Array) -> Array:
+    """Columns (V, ...) of values that differ between rows, scaled to order one."""
     columns = values[:, (values != values[0]).any(axis=0)]
-    ones = np.ones((len(values), 1))
-    return np.hstack([columns / np.abs(columns).max(axis=0, initial=0.0), ones])
+    return np.asarray(columns / np.abs(columns).max(axis=0, initial=0.0))
 
 
 def _basis(values: Array) -> tuple[Indices, Array]:
     """Indices (B,) of rows that span all V rows, and the weights (V, B) of the combinations."""
+    if values.shape[1] == 0:
+        return np.zeros(0, dtype=np.intp), np.zeros((len(values), 0))
     triangle, pivots = scipy_linalg().qr(values.T, mode="r", pivoting=True)
     size = np.abs(np.diag(triangle))
     chosen = np.sort(pivots[: int((size > RANK * size[0]).sum())])
