@@ -132,7 +132,9 @@ class EffortRows:
 
 
 def effort_curvature(sample: StageSample, weights: Array) -> Array:
-    """Hessian of `weights . efforts` by (q, w, alpha, S), by differences of analytic derivatives.
+    """Hessian of `weights . efforts` by (q, w, alpha, S).
+
+    It is that of `StageModel.wrench_hessian`, or comes from differences of analytic derivatives.
 
     Args:
         sample: K states; their derivatives are not computed again if they are known.
@@ -144,31 +146,27 @@ def effort_curvature(sample: StageSample, weights: Array) -> Array:
     """
     model: StageModel = sample.model
     q, w, alpha = sample.q, sample.w, sample.alpha
+    if weights.shape[1] == WRENCH:
+        known = model.wrench_hessian(q, w, alpha, sample.S, weights)
+        if known is not None:
+            return known
     count, n = q.shape
-    by_momentum = model.has_momentum_rate and weights.shape[1] == WRENCH
-    one = np.eye(n)
+    one, none = np.eye(n), np.zeros((n, n))
     # by q with a small step; efforts are quadratic in w, so any step is exact there
-    steps_q, steps_w = DIFFERENCE * one, np.zeros((n, n))
-    if not by_momentum:
-        steps_q, steps_w = np.vstack([steps_q, 0.0 * one]), np.vstack([steps_w, one])
+    steps_q, steps_w = np.vstack([DIFFERENCE * one, none]), np.vstack([none, one])
     shifted_q = (q[:, None] + steps_q).reshape(-1, n)
     shifted_w = (w[:, None] + steps_w).reshape(-1, n)
-    repeated, positions = np.repeat(alpha, len(steps_q), axis=0), sample.positions
+    repeated, positions = np.repeat(alpha, 2 * n, axis=0), sample.positions
     if positions is not None:
-        positions = np.repeat(positions, len(steps_q), axis=0)
+        positions = np.repeat(positions, 2 * n, axis=0)
     _, jacobian = model.effort_derivatives(shifted_q, shifted_w, repeated, sample.S, positions)
-    jacobian = jacobian[:, :, : 3 * n + 1].reshape(count, len(steps_q), -1, 3 * n + 1)
+    jacobian = jacobian[:, :, : 3 * n + 1].reshape(count, 2 * n, -1, 3 * n + 1)
     here = sample.effort_derivatives[1][:, None, :, : 3 * n + 1]
     change = (weights[:, None, None] @ (jacobian - here))[:, :, 0]
     H = np.zeros((count, 3 * n + 1, 3 * n + 1))
     H[:, :n] = change[:, :n] / DIFFERENCE
     H[:, :n, :n] = 0.5 * (H[:, :n, :n] + H[:, :n, :n].transpose(0, 2, 1))
     H[:, n:, :n] = H[:, :n, n:].transpose(0, 2, 1)
-    if by_momentum:
-        # d^2 (A(q) w) w / dw^2, from the derivatives of A, those by alpha, by q
-        by_rates = H[:, :n, 2 * n : 3 * n]
-        H[:, n : 2 * n, n : 2 * n] = by_rates + by_rates.transpose(0, 2, 1)
-    else:
-        by_rates = change[:, n:, n : 2 * n]
-        H[:, n : 2 * n, n : 2 * n] = 0.5 * (by_rates + by_rates.transpose(0, 2, 1))
+    by_rates = change[:, n:, n : 2 * n]
+    H[:, n : 2 * n, n : 2 * n] = 0.5 * (by_rates + by_rates.transpose(0, 2, 1))
     return H

@@ -44,13 +44,6 @@ class StageModel(Protocol):
         """Number n of planning coordinates."""
 
     @property
-    def has_momentum_rate(self) -> bool:
-        """Whether the wrench is the rate of momentum A(q) v in the root frame, plus gravity.
-
-        Then its second derivatives by the rates are those of A by the coordinates.
-        """
-
-    @property
     def joint_efforts(self) -> bool:
         """Whether the efforts include the joint efforts."""
 
@@ -81,6 +74,19 @@ class StageModel(Protocol):
         Returns:
             Efforts times S, shape (K, R), and their Jacobian by (q, w, alpha, S), shape
             (K, R, 3n + 1); with positions, by (q, w, alpha, S, x, y), shape (K, R, 3n + 3).
+        """
+
+    def wrench_hessian(
+        self, q: Array, w: Array, alpha: Array, S: float, weights: Array
+    ) -> Array | None:
+        """Hessian of weights . S (f, tau) by (q, w, alpha, S) in closed form, if there is one.
+
+        Args:
+            q, w, alpha, S: Arguments of `efforts`.
+            weights: Weights of the six rows of the wrench, shape (K, 6).
+
+        Returns:
+            Symmetric matrices, shape (K, 3n + 1, 3n + 1); None where there is no closed form.
         """
 
 

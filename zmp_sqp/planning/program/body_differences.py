@@ -2,60 +2,33 @@ r"""Ground reaction of the differences between machines whose bodies differ in i
 
 A payload that is heavier or displaced changes the inertia of one body. The wrench is linear in that
 inertia, so that the change of the wrench follows from the pose of the body and its derivatives,
-without inverse dynamics of a second machine.
+without inverse dynamics of a second machine. With the notation of `mechanics.body_poses`, in
+normalised time and with a difference :math:`\Delta P` of the pseudo-inertia,
 
-The pseudo-inertia of a body with points x, in homogeneous coordinates of the body's frame, is
-:math:`P = \int \bar x \bar x^T dm`, shape (4, 4) (Wensing, Kim & Slotine 2018). With the pose T(q)
-of the body in the root frame, its points are at :math:`\bar r = T \bar x`, and
+.. math:: \Delta W = (T'' - S \hat g T) \, \Delta P \, T^T = \Lambda \, T \, \Delta P \, T^T
 
-.. math:: W = \int (\ddot{\bar r} - \bar g)\, \bar r^T dm = \Delta\, T P T^T, \quad
-          f_i = W_{i4}, \quad \tau = \int r \times (\ddot r - g)\, dm
-          = (W_{32} - W_{23}, \; W_{13} - W_{31}, \; W_{21} - W_{12})
-
-where :math:`\Delta T = \ddot T - S \hat g` in normalised time. All derivatives follow from the
-twists :math:`\hat S_i`, shape (4, 4), of the joints between root and body, in root axes:
-
-.. math:: \partial_i T = \hat S_i T, \quad \partial_i \partial_j T = \hat S_i \hat S_j T
-          \quad \text{where joint i is not behind joint j, and so on.}
+where :math:`\Lambda` depends on the twists, rates and accelerations of the joints between root and
+body, and on gravity.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import pinocchio as pin
 
 from zmp_sqp.arrays import Array, Indices
+from zmp_sqp.mechanics.body_poses import AXIAL, BodyPoses, body_poses, pseudo_inertias
 from zmp_sqp.mechanics.coordinates import Coordinates
 from zmp_sqp.mechanics.machine import Machine
-from zmp_sqp.mechanics.workspace import workspace_of
 from zmp_sqp.mechanics.wrench import WRENCH
 from zmp_sqp.planning.constraints.protocol import StageModel
 from zmp_sqp.planning.program.model import ArmModel
 
-__all__ = ["BodyDifferences", "BodyPoses"]
+__all__ = ["BodyDifferences"]
 
 ROWS = 12  # entries of the first three rows of a matrix (4, 4)
-AXIAL = ((3, 2, 1), (4, 0, 2), (5, 1, 0))  # row of the wrench, and i, j: it is W_ij - W_ji
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class BodyPoses:
-    """Poses of J bodies at K states, with the twists of the joints that move them.
-
-    Attributes:
-        poses: T, from the body's joint frame to the root frame, shape (J, K, 4, 4).
-        twists: Twists of all m movable joints at unit rate in the root frame, linear part first,
-            shape (K, 6, m).
-        first_moment: Mass times centre of mass of the machine, root frame, shape (K, 3) [kg m].
-    """
-
-    poses: Array
-    twists: Array
-    first_moment: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,35 +60,13 @@ class BodyDifferences:
         """
         differ = np.flatnonzero(parameters.any(axis=(0, 2)))
         joints = tuple((differ + 1).tolist())
-        inertias = _pseudo_inertias(parameters[:, differ])
+        inertias = pseudo_inertias(parameters[:, differ])
         gravity = model.gravity if isinstance(model, ArmModel) else np.zeros(3)
         return cls(model.machine, model.coordinates, joints, inertias, gravity)
 
     def poses(self, q: Array) -> BodyPoses:
         """Forward kinematics at coordinates q, shape (K, n)."""
-        machine = self.machine
-        model, data = machine.model, workspace_of(machine.model).data
-        configurations = machine.configuration(self.coordinates.joints(q))
-        poses = np.zeros((len(self.joints), len(q), 4, 4))
-        poses[:, :, 3, 3] = 1.0
-        first_moment = np.empty((len(q), 3))
-        twists = np.empty((len(q), WRENCH, model.nv))
-        # views of the memory that Pinocchio writes into, and of that of the results
-        placed = [data.oMi[joint] for joint in self.joints]
-        views = [
-            (one.rotation, one.translation, found[:, :3, :3], found[:, :3, 3])
-            for one, found in zip(placed, poses, strict=True)
-        ]
-        jacobian, twists_of = data.J, pin.computeJointJacobians
-        centre_of_mass: Any = pin.centerOfMass
-        for k, one in enumerate(configurations):
-            first_moment[k] = centre_of_mass(model, data, one, False)
-            twists_of(model, data)
-            twists[k] = jacobian
-            for rotation, position, rotations, positions in views:
-                rotations[k], positions[k] = rotation, position
-        first_moment *= machine.mass
-        return BodyPoses(poses, twists[:, :, WRENCH:], first_moment)
+        return body_poses(self.machine, self.coordinates.joints(q), self.joints)
 
     def first_moments(self, at: BodyPoses) -> Array:
         """Differences of mass times centre of mass, root frame, shape (D, K, 3) [kg m]."""
@@ -136,7 +87,7 @@ class BodyDifferences:
         w, alpha = self._joint_rates(w), self._joint_rates(alpha)
         for joint, pose, inertias in self._bodies(at):
             columns = self._columns(joint)
-            chain = _Chain.of(at.twists[:, :, columns], w[:, columns], alpha[:, columns])
+            chain = _Chain.of(at.twists[:, columns], w[:, columns], alpha[:, columns])
             reaction = chain.acceleration(S * self.gravity)[:, None, :3] @ _in_root(pose, inertias)
             found += _wrenches(reaction.transpose(1, 0, 2, 3))
         return found
@@ -155,7 +106,7 @@ class BodyDifferences:
         efforts, jacobian = np.zeros((D, K, WRENCH)), np.zeros((K, D, WRENCH, 3 * n + 1))
         for joint, pose, inertias in self._bodies(at):
             columns = self._columns(joint)
-            chain = _Chain.of(at.twists[:, :, columns], w[:, columns], alpha[:, columns])
+            chain = _Chain.of(at.twists[:, columns], w[:, columns], alpha[:, columns])
             whole = _in_root(pose, inertias)  # (K, D, 4, 4)
             reaction = chain.acceleration(S * self.gravity)[:, None, :3] @ whole
             efforts += _wrenches(reaction.transpose(1, 0, 2, 3))
@@ -218,15 +169,16 @@ class _Chain:
 
     @classmethod
     def of(cls, twists: Array, w: Array, alpha: Array) -> _Chain:
-        """Products from twists (K, 6, c), rates and accelerations of the joints (K, c)."""
-        one, w, alpha = _matrices(twists), w[:, :, None, None], alpha[:, :, None, None]
-        moved = w * one
+        """Products from twists (K, c, 4, 4), rates and accelerations of the joints (K, c)."""
+        w, alpha = w[:, :, None, None], alpha[:, :, None, None]
+        moved = w * twists
         reached = np.cumsum(moved, axis=1)
         before, behind = reached - moved, reached[:, -1:] - reached
-        return cls(one, one @ one, before @ one, one @ behind, behind + moved, w, alpha)
+        squares, rest = twists @ twists, behind + moved
+        return cls(twists, squares, before @ twists, twists @ behind, rest, w, alpha)
 
     def acceleration(self, weight: Array) -> Array:
-        r""":math:`\Delta`, shape (K, 4, 4), with S times gravity (3,)."""
+        r""":math:`\Lambda`, shape (K, 4, 4), with S times gravity (3,)."""
         found = self._by_first().sum(axis=1)
         found[:, :3, 3] -= weight
         return np.asarray(found)
@@ -237,7 +189,7 @@ class _Chain:
         return np.asarray(self.alpha * self.twists + of_rates)
 
     def derivatives(self) -> tuple[Array, Array, Array]:
-        r"""Derivatives of Delta T by (q, w, alpha) of the joints, times the inverse of T.
+        r"""Derivatives of Lambda T by (q, w, alpha) of the joints, times the inverse of T.
 
         Shape (K, c, 4, 4) each.
         """
@@ -251,17 +203,6 @@ class _Chain:
         by_position += 2.0 * self.before @ self.rest
         by_rate = 2.0 * (self.before + self.behind + self.w * self.squares)
         return by_position, by_rate, self.twists
-
-
-def _matrices(twists: Array) -> Array:
-    """Twists (K, 6, c), linear part first, as matrices, shape (K, c, 4, 4)."""
-    K, _, c = twists.shape
-    found = np.zeros((K, c, 4, 4))
-    found[:, :, :3, 3] = twists[:, :3].transpose(0, 2, 1)
-    for row, i, j in AXIAL:
-        found[:, :, i, j] = twists[:, row]
-        found[:, :, j, i] = -twists[:, row]
-    return found
 
 
 def _in_root(pose: Array, inertias: Array) -> Array:
@@ -306,18 +247,3 @@ def _acting_behind(reactions: Array) -> Array:
         found[:, :, row - 3, j] = reactions[:, :, i]
         found[:, :, row - 3, i] = -reactions[:, :, j]
     return found.reshape(len(reactions), -1, ROWS)
-
-
-def _pseudo_inertias(parameters: Array) -> Array:
-    """Pseudo-inertias (..., 4, 4) of Pinocchio's dynamic parameters (..., 10).
-
-    They are mass, first moment, and xx, xy, yy, xz, yz, zz of the inertia about the joint.
-    """
-    found = np.empty((*parameters.shape[:-1], 4, 4))
-    found[..., 3, 3] = parameters[..., 0]
-    found[..., :3, 3] = found[..., 3, :3] = parameters[..., 1:4]
-    inertia = parameters[..., [4, 5, 7, 5, 6, 8, 7, 8, 9]]
-    inertia = inertia.reshape(*parameters.shape[:-1], 3, 3)
-    half_trace = 0.5 * np.trace(inertia, axis1=-2, axis2=-1)
-    found[..., :3, :3] = half_trace[..., None, None] * np.eye(3) - inertia
-    return found

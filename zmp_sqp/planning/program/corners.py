@@ -5,16 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import cached_property
 
 import numpy as np
 
 from zmp_sqp.arrays import Array, Indices
 from zmp_sqp.blas import scipy_linalg
+from zmp_sqp.mechanics.body_poses import BodyPoses, dynamic_parameters
 from zmp_sqp.mechanics.ground import Slope
 from zmp_sqp.mechanics.wrench import WRENCH
 from zmp_sqp.planning.constraints.protocol import StageModel
-from zmp_sqp.planning.program.body_differences import BodyDifferences, BodyPoses
+from zmp_sqp.planning.program.body_differences import BodyDifferences
 from zmp_sqp.planning.program.driving.model import DrivingModel
 from zmp_sqp.planning.program.model import ArmModel
 
@@ -57,7 +58,8 @@ class CornerModels:
             are not among the basis models, shape (V, B [+ D]).
         tilts: Differences delta of gravity, in the root frame (for a driving machine at yaw zero),
             shape (V, 3) [m/s^2].
-        masses: Mass of the machine at each corner, shape (V,) [kg].
+        parameters: Dynamic parameters of the bodies at each corner, see `dynamic_parameters`, shape
+            (V, J, 10).
         differences: The D differences; None where the basis has joint efforts or all V models.
     """
 
@@ -65,7 +67,7 @@ class CornerModels:
     basis: tuple[StageModel, ...]
     weights: Array
     tilts: Array
-    masses: Array
+    parameters: Array
     differences: BodyDifferences | None = None
 
     @classmethod
@@ -76,18 +78,17 @@ class CornerModels:
         differs by more than a constant vector, as over different terrains.
         """
         parameters = _of_machines(models)
-        masses = parameters[:, :, 0].sum(axis=1)
         gravity = _gravities(models)
         if gravity is None or not _differ_in_inertia_only(models):
             one = np.eye(len(models))
-            return cls(tuple(models), tuple(models), one, np.zeros((len(models), 3)), masses)
+            return cls(tuple(models), tuple(models), one, np.zeros((len(models), 3)), parameters)
         if any(model.joint_efforts for model in models):
             scaled = _scaled(parameters.reshape(len(models), -1)), _scaled(gravity)
             with_one = [np.hstack([part, np.ones((len(part), 1))]) for part in scaled]
             both = np.einsum("vi,vj->vij", *with_one)
             chosen, weights = _basis(both.reshape(len(models), -1))
             basis = tuple(models[b] for b in chosen)
-            return cls(tuple(models), basis, weights, np.zeros_like(gravity), masses)
+            return cls(tuple(models), basis, weights, np.zeros_like(gravity), parameters)
         change = parameters - parameters[0]
         chosen, shares = _basis(_scaled(change.reshape(len(models), -1)))
         gravity = gravity - gravity[0]
@@ -98,7 +99,7 @@ class CornerModels:
             basis = (models[0], *(_on_ground_of(models[b], models[0]) for b in chosen))
             first = first - shares.sum(axis=1, keepdims=True)
         weights = np.hstack([first, shares])
-        return cls(tuple(models), basis, weights, gravity, masses, differences)
+        return cls(tuple(models), basis, weights, gravity, parameters, differences)
 
     def efforts(
         self, q: Array, w: Array, alpha: Array, S: float, positions: Array | None = None
@@ -139,6 +140,26 @@ class CornerModels:
             moments, tilts = self._mass_moments(poses), self.tilts_at(q)
             self._tilt(efforts, S, moments, tilts)
         return CornerEfforts(self, S, efforts, jacobian, moments, tilts)
+
+    def wrench_hessian(
+        self, corner: Indices, q: Array, w: Array, alpha: Array, S: float, weights: Array
+    ) -> Array | None:
+        """Hessian of weights . S (f, tau), each state at its own corner; None if not known.
+
+        Args:
+            corner: Index of the corner of each state, shape (K,).
+            q, w, alpha, S, weights: As for `StageModel.wrench_hessian`.
+        """
+        model = self.basis[0]
+        if self._kinematic is None or not isinstance(model, ArmModel):
+            return None
+        gravity, parameters = model.gravity + self.tilts[corner], self.parameters[corner]
+        return model.wrench_hessian(q, w, alpha, S, weights, gravity=gravity, parameters=parameters)
+
+    @cached_property
+    def masses(self) -> Array:
+        """Mass of the machine at each corner, shape (V,) [kg]."""
+        return np.asarray(self.parameters[:, :, 0].sum(axis=1))
 
     @property
     def _kinematic(self) -> BodyDifferences | None:
@@ -330,10 +351,7 @@ def _of_machines(models: Sequence[StageModel]) -> Array:
     found: dict[int, Array] = {}
     for machine in (model.machine for model in models):
         if id(machine) not in found:
-            inertias: Any = machine.model.inertias
-            found[id(machine)] = np.array(
-                [inertias[i].toDynamicParameters() for i in range(1, machine.model.njoints)]
-            )
+            found[id(machine)] = dynamic_parameters(machine)
     return np.stack([found[id(model.machine)] for model in models])
 
 

@@ -10,6 +10,7 @@ from zmp_sqp.arrays import Array
 from zmp_sqp.mechanics.coordinates import Coordinates
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.mechanics.wrench import effort_derivatives, efforts
+from zmp_sqp.mechanics.wrench_hessian import wrench_hessian
 
 __all__ = ["ArmModel"]
 
@@ -37,8 +38,6 @@ class ArmModel:
     gravity: Array
     coordinates: Coordinates
     joint_efforts: bool = False
-
-    has_momentum_rate = True  # the wrench is the rate of the machine's momentum
 
     @property
     def size(self) -> int:
@@ -86,6 +85,47 @@ class ArmModel:
             jacobian[:, :, i * n : (i + 1) * n] = by_coordinates
         jacobian[:, :, -1] = found.by_a[:, :, :3] @ -self.gravity
         return found.effort, jacobian
+
+    def wrench_hessian(
+        self,
+        q: Array,
+        w: Array,
+        alpha: Array,
+        S: float,
+        weights: Array,
+        *,
+        gravity: Array | None = None,
+        parameters: Array | None = None,
+    ) -> Array:
+        """Hessian of weights . S (f, tau) by (q, w, alpha, S), shape (K, 3n + 1, 3n + 1).
+
+        Args:
+            q, w, alpha, S, weights: Arguments of `StageModel.wrench_hessian`.
+            gravity, parameters: Gravity and dynamic parameters of the bodies in each state, see
+                `mechanics.wrench_hessian`; None for those of the model.
+        """
+        joints, rates, accelerations = self._joints(q, w, alpha)
+        coupling = self.machine.coupling
+        found = wrench_hessian(
+            self.machine,
+            joints,
+            coupling.rates(rates),
+            coupling.rates(accelerations),
+            S,
+            gravity=self.gravity if gravity is None else gravity,
+            weights=weights,
+            parameters=parameters,
+        )
+        G = coupling.G @ self.coordinates.G
+        m, n = G.shape
+        if np.array_equal(G, np.eye(m)):
+            return found
+        blocks = np.zeros((3 * m + 1, 3 * n + 1))
+        blocks[-1, -1] = 1.0
+        for i in range(3):
+            blocks[i * m : (i + 1) * m, i * n : (i + 1) * n] = G
+        found = blocks.T @ found @ blocks
+        return np.asarray(0.5 * (found + found.transpose(0, 2, 1)))
 
     def _joints(self, q: Array, w: Array, alpha: Array) -> tuple[Array, Array, Array]:
         coordinates = self.coordinates

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -432,14 +432,30 @@ class StageRows:
         active = np.flatnonzero(of_efforts.any(axis=(1, 2)))
         matrix = self.matrices.reshape(corners * self.effort_rows, -1)
         factors = of_efforts[active].reshape(len(active), corners * self.effort_rows) @ matrix
-        for corner in np.unique(heaviest[active]).tolist():
-            chosen = heaviest[active] == corner
-            some = active[chosen]
-            H[some] += effort_curvature(sample(corner, some), factors[chosen])
+        H[active] += self._curvature_of_efforts(heaviest[active], factors, active, sample)
         for corner, groups in enumerate(self._others):
             add(groups, corner, by_corner[:, corner, self.effort_rows :])
         add(self.common, 0, weights[:, self.of_corners :])
         return H
+
+    def _curvature_of_efforts(
+        self,
+        corners: Indices,
+        weights: Array,
+        states: Indices,
+        sample: Callable[[int, Indices], StageSample],
+    ) -> Array:
+        """Hessians of weights (L, R) times the efforts of L states, each at its own corner (L,)."""
+        if len(corners) and self.models is not None and weights.shape[1] == WRENCH:
+            at = sample(0, states)
+            known = self.models.wrench_hessian(corners, at.q, at.w, at.alpha, at.S, weights)
+            if known is not None:
+                return known
+        found = np.zeros((len(states), 3 * self.size + 1, 3 * self.size + 1))
+        for corner in np.unique(corners).tolist():
+            chosen = corners == corner
+            found[chosen] = effort_curvature(sample(corner, states[chosen]), weights[chosen])
+        return found
 
     def sample(
         self, corner: int, q: Array, w: Array, alpha: Array, S: float, positions: Array | None

@@ -43,9 +43,6 @@ class DrivingModel:
     terrain: Terrain
     joint_efforts: bool = False
 
-    # the root frame moves, so that the wrench in its axes is not the rate of momentum there
-    has_momentum_rate = False
-
     @property
     def size(self) -> int:
         """Number n of coordinates: the joints, path length and yaw."""
@@ -115,6 +112,12 @@ class DrivingModel:
         if positions is not None:
             parts.append(by_root[:, :, POSITION])
         return found.effort, np.concatenate(parts, axis=2)
+
+    def wrench_hessian(
+        self, q: Array, w: Array, alpha: Array, S: float, weights: Array
+    ) -> Array | None:
+        """None: `mechanics.wrench_hessian` is for roots that stand."""
+        return None
 
     def _root(
         self, q: Array, w: Array, alpha: Array, S: float, positions: Array | None
