@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -67,6 +68,15 @@ def test_times_of_a_failure_are_those_of_the_table(scenario) -> None:
     assert words in plan.message
     assert "still tips the machine over;" in plan.message
     assert "a smaller margin" not in plan.message  # none was asked for
+    assert "more intervals" not in plan.message
+
+
+def test_too_few_intervals_are_named_before_the_load_is_blamed() -> None:
+    problem = random_problem(4, HARD).problem
+    few = zs.plan(replace(problem, intervals=2))
+    assert few.status is zs.Status.INFEASIBLE
+    assert "over; try more intervals, a lighter payload," in few.message
+    assert zs.plan(replace(problem, intervals=12)).success
 
 
 def test_a_motion_that_only_misses_the_margin_does_not_tip(scenario) -> None:

@@ -16,6 +16,8 @@ __all__ = ["failure_message", "success_message"]
 
 
 EXACTLY = 1e-8  # relative excess over the lower bound that counts as rounding
+# with 2, 3, 4 and 5 intervals 7, 2, 2 and 2 of 40 hard problems are not solved that others solve
+FEW_INTERVALS = 8
 FASTEST = "Solved: no motion within the joint limits is faster"
 
 
@@ -82,7 +84,8 @@ def _ending(problem: Problem, status: Status, checked: Certificate) -> str:
         return str(status)
     loosest = ["a smaller margin"] if checked.margin < problem.margin and problem.margin else []
     loosest += ["a looser limit"] if broken_own(checked.guarantees) else []
-    tried = [*_easier(problem), *loosest, "another start or goal"]
+    finer = ["more intervals"] if problem.first_intervals < FEW_INTERVALS else []
+    tried = [*finer, *_easier(problem), *loosest, "another start or goal"]
     return (
         f"Not solved: the search ended at a motion that still {' and '.join(names)}; "
         f"try {', '.join(tried[:-1])}{', or ' if len(tried) > 1 else ''}{tried[-1]}."
