@@ -6,21 +6,22 @@ S = T^2, the reaction of all bodies b is
 .. math:: W = \sum_b T_b'' P_b T_b^T - S \hat g \sum_b T_b P_b T_b^T
 
 Let :math:`j < i` be the joints in front of joint i, on its way from the root, and :math:`j > i`
-those behind it. With the velocity and the second derivative of what carries joint i,
+those behind it. The derivatives of a pose by s, without those of joint i and the joints behind it,
+are products with
 
 .. math:: V_i = \sum_{j<i} w_j \hat S_j, \quad
           A_i = \sum_{j<i} (\alpha_j + w_j^2 \hat S_j + 2 w_j V_j) \hat S_j
 
-and, summed over the bodies b that joint i moves,
+Three sums are taken over the bodies b that joint i moves:
 
-.. math:: G_i = \sum_b T_b P_b T_b^T, \quad E_i = \hat S_i G_i, \quad
-          Z_i = \sum_{j \ge i} w_j E_j, \quad
-          N_i = \sum_{j \ge i} (w_j \hat S_j (w_j E_j + 2 \sum_{k>j} w_k E_k) + \alpha_j E_j)
-
-.. math:: \textstyle \sum_b T_b' P_b T_b^T = V_i G_i + Z_i, \quad
+.. math:: \textstyle G_i = \sum_b T_b P_b T_b^T, \quad
+          \sum_b T_b' P_b T_b^T = V_i G_i + Z_i, \quad
           \sum_b T_b'' P_b T_b^T = A_i G_i + 2 V_i Z_i + N_i
 
-the derivatives of these three sums by :math:`q_i` are
+.. math:: E_i = \hat S_i G_i, \quad Z_i = \sum_{j \ge i} w_j E_j, \quad
+          N_i = \sum_{j \ge i} (w_j \hat S_j (w_j E_j + 2 \sum_{k>j} w_k E_k) + \alpha_j E_j)
+
+Their derivatives by :math:`q_i` are
 
 .. math:: e_i = E_i + E_i^T, \quad
           x_i = X_i + (V_i G_i + Z_i) \hat S_i^T, \quad
@@ -29,7 +30,7 @@ the derivatives of these three sums by :math:`q_i` are
 .. math:: X_i = V_i E_i + \hat S_i Z_i, \quad
           Y_i = A_i E_i + 2 V_i \hat S_i Z_i + \hat S_i N_i
 
-so that W has the derivatives :math:`y_i - S \hat g e_i` by :math:`q_i`, :math:`2 X_i` by
+W has the derivatives :math:`y_i - S \hat g e_i` by :math:`q_i`, :math:`2 X_i` by
 :math:`w_i` and :math:`E_i` by :math:`\alpha_i`. For a joint k in front of joint i, or joint i
 itself, the second derivatives are
 
