@@ -79,6 +79,24 @@ def test_too_few_intervals_are_named_before_the_load_is_blamed() -> None:
     assert zs.plan(replace(problem, intervals=12)).success
 
 
+def test_a_constraint_without_value_on_the_way_is_what_the_search_failed_for() -> None:
+    def only_slow(machine, q, v, a):
+        values = np.full((len(q), 1), -1.0)
+        values[np.abs(v[:, 0]) > 0.2] = np.nan
+        return values, np.zeros((len(q), 1, 3 * machine.size))
+
+    problem = random_problem(4, HARD).problem
+    plan = zs.plan(replace(problem, constraints=[zs.PathRows("mine", only_slow, ["speed"])]))
+    assert plan.status is zs.Status.FAILED
+    assert "the search ended where mine has no value; let its function give finite" in plan.message
+    assert "QP solver" not in plan.message
+    safe = zs.plan(problem).trajectory
+    rows = plan.problem.constraints
+    checked = zs.certify(problem.machine, safe, problem.ground, constraints=rows)
+    assert not checked.safe
+    assert checked.fault.startswith("comes to states where mine (speed) has no value, near ")
+
+
 def test_a_motion_that_only_misses_the_margin_does_not_tip(scenario) -> None:
     plan = zs.plan(load_scenario(scenario(MARGIN_MISSED)).problem)
     assert plan.status is zs.Status.INFEASIBLE

@@ -247,8 +247,10 @@ def test_copies_can_be_written_to_no_more_than_what_they_are_copies_of(copied: A
     machine = zs.load_machine("feller_buncher")
     problem = zs.Problem(machine, START, GOAL)
     motion = zs.phase_plane(machine, START, GOAL)
+    stop = zs.plan_stop(machine, START, np.full(5, 0.1))
     same = copied(machine)
     for array in (
+        copied(stop.problem).start,
         same.support.offsets,
         same.support.vertices,
         same.limits.velocity,

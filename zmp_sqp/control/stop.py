@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from zmp_sqp.arrays import Array
+from zmp_sqp.arrays import Array, set_frozen_state
 from zmp_sqp.blas import one_blas_thread
 from zmp_sqp.control.measured import widened_limits, with_room_to_stop
 from zmp_sqp.errors import ProblemError
@@ -152,6 +152,8 @@ def stop_plan(
 @dataclass(frozen=True, slots=True, eq=False)
 class StopProblem(Problem):
     """Problem whose start and goal are not checked: a machine in motion must stop in any case."""
+
+    __setstate__ = set_frozen_state  # a dataclass with slots does not inherit it
 
     def _check_boundary(self, name: str) -> None:
         pass

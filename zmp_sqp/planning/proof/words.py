@@ -9,7 +9,7 @@ import numpy as np
 from zmp_sqp.planning.constraints.guarantee import Guarantee, amount_in_words
 from zmp_sqp.planning.proof.base_check import ARRIVAL
 
-__all__ = ["broken_own", "fault_of", "limit_fault", "name_in_words"]
+__all__ = ["broken_own", "fault_of", "has_no_value", "limit_fault", "name_in_words"]
 
 TIP_OVER = ("tip_over", "contact")  # names of guarantees whose words need the support polygon
 LIMITS = ("joint_limits", "base")
@@ -32,10 +32,17 @@ def fault_of(guarantee: Guarantee) -> str:
         return f"exceeds the {limit} limit of joint {joint!r} by {short} at {at}"
     what = name_in_words(guarantee)
     corner = f" with {guarantee.corner}" if guarantee.corner else ""
+    if has_no_value(guarantee):
+        return f"comes to states where {what} has no value, near {at}{corner}"
     if not np.isfinite(guarantee.value):
         return f"is not proven to keep {what} at all: no bound is known near {at}{corner}"
     short = amount_in_words(guarantee.shortfall, guarantee.unit)
     return f"breaks {what} by {short} at {at}{corner}"
+
+
+def has_no_value(guarantee: Guarantee) -> bool:
+    """Whether a constraint that is only sampled has no finite value at a sample."""
+    return bool(np.isneginf(guarantee.value)) and not guarantee.proven
 
 
 def name_in_words(guarantee: Guarantee) -> str:

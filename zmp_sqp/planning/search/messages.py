@@ -9,7 +9,13 @@ from zmp_sqp.mechanics.ground import Slope
 from zmp_sqp.planning.problem.problem import Problem
 from zmp_sqp.planning.problem.zmp_words import zmp_position
 from zmp_sqp.planning.proof.certificate import Certificate
-from zmp_sqp.planning.proof.words import broken_own, fault_of, limit_fault, name_in_words
+from zmp_sqp.planning.proof.words import (
+    broken_own,
+    fault_of,
+    has_no_value,
+    limit_fault,
+    name_in_words,
+)
 from zmp_sqp.planning.search.answer import Status
 
 __all__ = ["failure_message", "success_message"]
@@ -73,6 +79,12 @@ def failure_message(
 
 def _ending(problem: Problem, status: Status, checked: Certificate) -> str:
     """Status; where the search ended at a violation, what is violated, and advice that applies."""
+    unknown = [found.name for found in broken_own(checked.guarantees) if has_no_value(found)]
+    if status is Status.FAILED and unknown:
+        return (
+            f"Not solved: the search ended where {' and '.join(unknown)} has no value; let its "
+            "function give finite values everywhere, positive ones where the constraint is broken."
+        )
     if status is not Status.INFEASIBLE:
         return str(status)
     names = [f"breaks {found.name}" for found in broken_own(checked.guarantees)]
