@@ -14,6 +14,7 @@ from rich.console import Console
 
 import zmp_sqp as zs
 from zmp_sqp.cli import main
+from zmp_sqp.commands import executors, study_options
 from zmp_sqp.commands.tradeoff import _not_slower_than_larger_margins
 from zmp_sqp.errors import ScenarioError
 from zmp_sqp.scenario import load_scenario, read_content, scenario_of
@@ -180,6 +181,69 @@ def test_an_envelope_is_that_of_single_plans(tmp_path, capsys):
             assert float(row["duration"]) == plan.duration
             assert float(row["margin"]) == plan.margin
     assert (out / "envelope.png").stat().st_size > 10_000
+
+
+ENVELOPE = ["envelope", "paper_1", "--x", "ground.roll_deg", "-20", "40", "3"]
+ENVELOPE += ["--y", "plan.margin", "0", "0.2", "2", "--no-figures"]
+
+
+def rows_of(folder: Path) -> list[dict[str, str]]:
+    with (folder / "envelope.csv").open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_study_goes_on_where_it_was_interrupted(tmp_path, capsys, monkeypatch):
+    out, asked, most = tmp_path / "cut", [], [2]
+
+    def interruptible(problems, *arguments, **options):
+        asked.append(len(problems))
+        for count, one in enumerate(zs.plan_many(problems, *arguments, **options)):
+            if count == most[0]:
+                raise KeyboardInterrupt
+            yield one
+
+    monkeypatch.setattr(study_options, "plan_many", interruptible)
+    arguments = [*ENVELOPE, "--workers", "1", "--out", str(out)]
+    assert main(arguments) == 130
+    assert "interrupted: --resume plans what is left" in capsys.readouterr().out
+    part = out / "envelope.part.jsonl"
+    assert len(lines(part)) == 2
+    with part.open("a", encoding="utf-8") as file:  # half a line of a killed run
+        file.write('{"content": "')
+    most[0] = 100
+    assert main([*arguments, "--resume", "--qp-solver", "piqp"]) == 0  # another study
+    assert asked[1] == asked[0]
+    assert not part.exists()
+    most[0] = 1
+    assert main(arguments) == 130
+    most[0] = 100
+    assert main([*arguments, "--resume"]) == 0
+    assert asked[2:] == [asked[0], asked[0] - 1]
+    assert not part.exists()
+    whole = tmp_path / "whole"
+    assert main([*arguments[:-1], str(whole)]) == 0
+    assert rows_of(out) == rows_of(whole)
+    capsys.readouterr()
+    assert main([*ENVELOPE, "--resume"]) == 2
+    assert "--resume needs --out DIR" in capsys.readouterr().err
+
+
+def test_a_study_on_a_cluster_is_that_of_local_processes(tmp_path, capsys, monkeypatch):
+    distributed = pytest.importorskip("dask.distributed")
+    monkeypatch.setattr(executors, "PATIENCE", 0.5)
+    assert main([*ENVELOPE, "--dask", "tcp://127.0.0.1:9"]) == 2
+    assert "no Dask scheduler answers at 'tcp://127.0.0.1:9'" in capsys.readouterr().err
+    monkeypatch.setattr(executors, "PATIENCE", 60.0)
+    cluster = distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, dashboard_address=None, silence_logs=50
+    )
+    with cluster:
+        there = [*ENVELOPE, "--dask", cluster.scheduler_address, "--out", str(tmp_path / "there")]
+        assert main(there) == 0
+        batch = ["batch", "paper_1", "--dask", cluster.scheduler_address]
+        assert main([*batch, "--out", str(tmp_path / "plans.jsonl")]) == 0
+    assert main([*ENVELOPE, "--workers", "1", "--out", str(tmp_path / "here")]) == 0
+    assert rows_of(tmp_path / "there") == rows_of(tmp_path / "here")
 
 
 @pytest.mark.parametrize("width", [40, 80, 200])

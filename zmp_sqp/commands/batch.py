@@ -3,20 +3,25 @@
 from __future__ import annotations
 
 import argparse
-import hashlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from zmp_sqp.commands.console import add_command, make_console
+from zmp_sqp.commands.content_hash import content_hash
 from zmp_sqp.commands.exit_codes import DONE, INTERRUPTED, UNSAFE, Meanings
 from zmp_sqp.commands.live import live_line
-from zmp_sqp.commands.study_options import add_study_options, refused_row, row_of
+from zmp_sqp.commands.study_options import (
+    add_study_options,
+    planned,
+    planning_options,
+    refused_row,
+    row_of,
+)
 from zmp_sqp.errors import ZmpSqpError
 from zmp_sqp.planning import Problem
-from zmp_sqp.scenario import load_scenario, read_content
-from zmp_sqp.studies import plan_many
+from zmp_sqp.scenario import load_scenario
 from zmp_sqp.studies.journal import Journal
 
 __all__ = ["add_batch", "run_batch"]
@@ -41,7 +46,6 @@ one row per scenario; SI units, null where there is no value:
   iterations, solve_time, qp_solver, payload, message: columns of `zmp_sqp.table`; status is
   `refused` where there is no problem to plan
 """
-LONGEST_PATH = 200  # characters of a text that may be the name of a file
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,8 +88,8 @@ def add_batch(commands: Any, shipped: str) -> None:
 
 def run_batch(arguments: argparse.Namespace) -> int:
     """Plan, write and count; returns the exit code."""
-    options = f"{arguments.qp_solver} {arguments.time_budget}"
-    entries = [_Entry(given, _hash(given, options)) for given in dict.fromkeys(arguments.scenarios)]
+    given, options = dict.fromkeys(arguments.scenarios), planning_options(arguments)
+    entries = [_Entry(one, content_hash(one, options)) for one in given]
     journal = Journal(arguments.out, resume=arguments.resume)
     there = {(row.get("scenario"), row.get("content")) for row in journal.rows}
     todo = [entry for entry in entries if (entry.given, entry.content) not in there]
@@ -130,38 +134,6 @@ def _is_old(row: dict[str, Any], todo: list[_Entry]) -> bool:
     return any(row.get("scenario") == entry.given for entry in todo)
 
 
-def _hash(given: str, options: str) -> str:
-    """Hash of what a scenario's result depends on: its files, and options of planning."""
-    found = hashlib.sha256(f"{given if not Path(given).is_file() else ''} {options}".encode())
-    for path in _files(given):
-        try:
-            found.update(path.read_bytes())
-        except OSError as cause:
-            found.update(str(cause).encode())
-    return found.hexdigest()[:16]
-
-
-def _files(given: str) -> list[Path]:
-    """The file of a scenario, files that it names, and those that lie beside its URDF."""
-    try:
-        content, path = read_content(given)
-    except ZmpSqpError:
-        return [Path(given)] if Path(given).is_file() else []
-    named = [path.parent / text for text in _texts(content)]
-    files = [file for file in named if file.is_file()]
-    beside = [other for file in files for other in sorted(file.parent.glob(f"{file.stem}.*"))]
-    return list(dict.fromkeys([path, *files, *beside]))
-
-
-def _texts(content: Any) -> Iterator[str]:
-    """All texts in tables and lists of a scenario that may be names of files."""
-    if isinstance(content, str) and len(content) < LONGEST_PATH and "\0" not in content:
-        yield content
-    elif isinstance(content, Mapping | list):
-        for part in content.values() if isinstance(content, Mapping) else content:
-            yield from _texts(part)
-
-
 def _rows(entries: list[_Entry], arguments: argparse.Namespace) -> Iterator[dict[str, Any]]:
     """Rows of all scenarios: first those that cannot be planned, then plans as they come."""
     found: list[tuple[_Entry, str, Problem]] = []
@@ -174,14 +146,7 @@ def _rows(entries: list[_Entry], arguments: argparse.Namespace) -> Iterator[dict
             else:
                 found.append((entry, scenario.name, scenario.problem))
             line.say("reading scenarios")
-    plans = plan_many(
-        [problem for _, _, problem in found],
-        as_completed=True,
-        workers=arguments.workers,
-        qp_solver=arguments.qp_solver,
-        time_budget=arguments.time_budget,
-    )
-    for index, plan in plans:
+    for index, plan in planned([problem for _, _, problem in found], arguments):
         entry, name, _ = found[index]
         yield {**_key(entry), **row_of(name, plan)}
 

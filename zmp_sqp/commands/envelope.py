@@ -50,6 +50,8 @@ EXAMPLES = """\
 examples:
   zmp-sqp envelope paper_1 --out out/envelope
   zmp-sqp envelope paper_1 --x machine.payload.mass 0 6000 13 --y motion.goal_deg[slew] 30 180 6
+  zmp-sqp envelope paper_1 --out out/envelope --resume       after Ctrl-C, or a killed run
+  zmp-sqp envelope paper_1 --dask tcp://scheduler:8786       on a cluster
 """
 RESULT_KEYS = """\
 envelope.csv and --json have one row per pair; SI units but for keys that end in _deg:
@@ -117,7 +119,7 @@ def run_envelope(arguments: argparse.Namespace) -> int:
         for pair in pairs:
             cases.append(_case(problem_at, pair))
             line.say("posing problems")
-    study = run_study(cases, arguments)
+    study = run_study(cases, arguments, "envelope")
     console = make_console(arguments.json)
     console.print(f"{scenario.name}: {scenario.title}", style="bold", soft_wrap=True)
     console.print(f"duration [s]: {x} to the right, {y} upwards", soft_wrap=True)
@@ -126,6 +128,8 @@ def run_envelope(arguments: argparse.Namespace) -> int:
     if not all(row["success"] for row in study.rows):
         console.print(ENVELOPE_LEGEND, soft_wrap=True)
     console.print(_verdict(study), soft_wrap=True)
+    if study.interrupted:
+        console.print(study.ending, soft_wrap=True)
     if arguments.out is not None:
         print_lines(console, _write(arguments.out, study, (x, y), figures=arguments.figures))
     write_json(to_json({"x": x, "y": y, "rows": study.rows}), arguments.json, console)
@@ -167,7 +171,7 @@ def _verdict(study: Study) -> str:
     text = f"{count} of {len(study.rows)} pairs have a safe motion"
     if refused:
         text += f"; {refused} are impossible at rest at start or goal, or outside a limit"
-    return f"{text}; interrupted, the rest is not planned" if study.interrupted else text
+    return text
 
 
 def _write(folder: Path, study: Study, keys: tuple[str, str], *, figures: bool) -> Iterator[str]:

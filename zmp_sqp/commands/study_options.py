@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import argparse
 import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,14 +13,20 @@ from typing import Any
 import numpy as np
 
 from zmp_sqp.commands.console import add_json_option, add_out_option
+from zmp_sqp.commands.content_hash import content_hash
+from zmp_sqp.commands.executors import executor_at
+from zmp_sqp.errors import ProblemError
 from zmp_sqp.planning import Plan, Problem, table
 from zmp_sqp.studies import plan_many
+from zmp_sqp.studies.journal import Journal
 
 __all__ = [
     "Case",
     "Study",
     "add_result_options",
     "add_study_options",
+    "planned",
+    "planning_options",
     "positive",
     "refused_row",
     "row_of",
@@ -28,6 +35,7 @@ __all__ = [
 ]
 
 REFUSED = "refused"  # status of a case without a problem
+CONTENT = "content"  # column of the hash of scenario and options, while a study runs
 COLUMNS = ("success", "status", "duration", "lower_bound", "margin", "message")
 
 
@@ -53,48 +61,117 @@ class Study:
     Attributes:
         rows: Values and results of each case, in order; those of an interrupted run up to then.
         interrupted: Whether Ctrl-C has ended it.
+        can_resume: Whether its rows are kept, so that `--resume` can go on with it.
     """
 
     rows: list[dict[str, Any]]
     interrupted: bool
+    can_resume: bool
+
+    @property
+    def ending(self) -> str:
+        """How it was cut short, in words; empty if it was not."""
+        if not self.interrupted:
+            return ""
+        how = "--resume plans what is left" if self.can_resume else "what is left is not planned"
+        return f"interrupted: {how}"
 
 
-def run_study(cases: Sequence[Case], arguments: argparse.Namespace) -> Study:
+def run_study(cases: Sequence[Case], arguments: argparse.Namespace, name: str) -> Study:
     """Plan all cases.
+
+    With a folder for results, rows are written there as their plans are done, to
+    `name`.part.jsonl, which `--resume` reads, and which goes when all are done.
 
     Args:
         cases: The cases.
-        arguments: Options that `add_study_options` has added.
+        arguments: Options that `add_study_options` and `add_result_options` have added.
+        name: Name of the study.
+
+    Raises:
+        ProblemError: `--resume` without a folder, or with a damaged file.
     """
-    rows: list[dict[str, Any] | None] = [
-        None
-        if case.problem is not None
-        else {
-            **case.values,
-            **dict.fromkeys(COLUMNS),
-            "success": False,
-            "status": REFUSED,
-            "message": case.fault,
-        }
-        for case in cases
-    ]
-    asked = [(i, case.problem) for i, case in enumerate(cases) if case.problem is not None]
-    plans = plan_many(
-        [problem for _, problem in asked],
-        as_completed=True,
-        workers=arguments.workers,
-        qp_solver=arguments.qp_solver,
-        time_budget=arguments.time_budget,
-    )
+    content = content_hash(arguments.scenario, planning_options(arguments))
+    journal = _journal(arguments, name)
+    known = {} if journal is None else _known(journal, content)
+    rows = [known.get(_key(case.values)) or _refused(case) for case in cases]
+    asked = [(i, case.problem) for i, case in enumerate(cases) if rows[i] is None]
     interrupted = False
-    try:
-        for number, plan in plans:
-            i = asked[number][0]
-            found = row_of("", plan)
-            rows[i] = {**cases[i].values, **{key: found[key] for key in COLUMNS}}
-    except KeyboardInterrupt:
-        interrupted = True
-    return Study([row for row in rows if row is not None], interrupted)
+    with journal or nullcontext():
+        try:
+            for number, plan in planned([one for _, one in asked if one is not None], arguments):
+                i = asked[number][0]
+                found = row_of("", plan)
+                row = {**cases[i].values, **{key: found[key] for key in COLUMNS}}
+                rows[i] = row
+                if journal is not None:
+                    journal.add({CONTENT: content, **row})
+        except KeyboardInterrupt:
+            interrupted = True
+    if journal is not None and not interrupted:
+        journal.path.unlink()
+    done = [row for row in rows if row is not None]
+    return Study(done, interrupted, can_resume=journal is not None)
+
+
+def planned(
+    problems: Sequence[Problem], arguments: argparse.Namespace
+) -> Iterator[tuple[int, Plan]]:
+    """Numbers and plans of problems, as they are done.
+
+    Args:
+        problems: The problems.
+        arguments: Options that `add_study_options` has added.
+
+    Raises:
+        ProblemError: No scheduler answers at the address of `--dask`.
+    """
+    with executor_at(arguments.dask) as executor:
+        yield from plan_many(
+            problems,
+            executor,
+            as_completed=True,
+            workers=arguments.workers,
+            qp_solver=arguments.qp_solver,
+            time_budget=arguments.time_budget,
+        )
+
+
+def planning_options(arguments: argparse.Namespace) -> str:
+    """Options on which a plan depends, in words."""
+    return f"{arguments.qp_solver} {arguments.time_budget}"
+
+
+def _journal(arguments: argparse.Namespace, name: str) -> Journal | None:
+    """File of rows for a run that may be cut short; None without a folder for results."""
+    if arguments.out is None:
+        if arguments.resume:
+            raise ProblemError("--resume needs --out DIR, the folder of the interrupted run")
+        return None
+    path = arguments.out / f"{name}.part.jsonl"
+    if not arguments.resume:
+        path.unlink(missing_ok=True)
+    return Journal(path, resume=arguments.resume)
+
+
+def _known(journal: Journal, content: str) -> dict[tuple[Any, ...], dict[str, Any]]:
+    """Rows of an earlier run of the same study, by the values of their cases."""
+    journal.rows = [row for row in journal.rows if row.get(CONTENT) == content]
+    found = ({k: v for k, v in row.items() if k != CONTENT} for row in journal.rows)
+    return {_key({k: v for k, v in row.items() if k not in COLUMNS}): row for row in found}
+
+
+def _key(values: Mapping[str, Any]) -> tuple[Any, ...]:
+    return tuple(sorted(values.items()))
+
+
+def _refused(case: Case) -> dict[str, Any] | None:
+    """Row of a case without a problem; None for any other."""
+    if case.problem is not None:
+        return None
+    none = dict.fromkeys(COLUMNS)
+    why = {"success": False, "status": REFUSED, "message": case.fault}
+    return {**case.values, **none, **why}
 
 
 def write_csv(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
@@ -112,11 +189,18 @@ def _exact(value: Any) -> Any:
 
 def add_study_options(command: argparse.ArgumentParser) -> None:
     """Add options of planning many problems."""
-    command.add_argument(
+    where = command.add_mutually_exclusive_group()
+    where.add_argument(
         "--workers",
         type=positive,
         metavar="N",
         help="number of processes that plan (default: one per processor)",
+    )
+    where.add_argument(
+        "--dask",
+        metavar="ADDRESS",
+        help="plan on the workers of this Dask scheduler, such as tcp://host:8786, instead of "
+        "local processes (extra `cluster`)",
     )
     command.add_argument(
         "--qp-solver",
@@ -135,6 +219,11 @@ def add_study_options(command: argparse.ArgumentParser) -> None:
 def add_result_options(command: argparse.ArgumentParser, files: Sequence[str]) -> None:
     """Add options of what a study writes: its files, JSON, and whether there are figures."""
     add_out_option(command, files)
+    command.add_argument(
+        "--resume",
+        action="store_true",
+        help="go on with an interrupted run of the same study: plan only what it left in --out DIR",
+    )
     add_json_option(command)
     command.add_argument(
         "--no-figures", dest="figures", action="store_false", help="write no figure"

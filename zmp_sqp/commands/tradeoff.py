@@ -102,11 +102,14 @@ def run_tradeoff(arguments: argparse.Namespace) -> int:
         raise ProblemError(f"the largest margin must be at least 0 m, not {largest:g} m")
     prepare_folder(arguments.out, TRADEOFF_FILES)
     margins = np.linspace(0.0, largest, arguments.count)
-    study = run_study([_case(problem, float(margin)) for margin in margins], arguments)
+    cases = [_case(problem, float(margin)) for margin in margins]
+    study = run_study(cases, arguments, "tradeoff")
     rows = _not_slower_than_larger_margins(study.rows)
     console = make_console(arguments.json)
     console.print(f"{scenario.name}: {scenario.title}", style="bold", soft_wrap=True)
     console.print(tradeoff_table(rows))
+    if study.interrupted:
+        console.print(study.ending, soft_wrap=True)
     if arguments.out is not None:
         print_lines(console, _write(arguments.out, rows, figures=arguments.figures))
     write_json(to_json({"rows": rows}), arguments.json, console)
