@@ -207,12 +207,42 @@ def test_wheels_touch_the_ground_below_their_axles(
         )
 
 
-def test_wheels_that_are_planned_carry_nothing_and_the_error_says_what_to_do(
-    tmp_path: Path,
+BELLY = '<origin xyz="0 0 0.4"/><geometry><box size="2.0 0.5 0.2"/></geometry>'
+
+
+@pytest.mark.parametrize("shape", ["cylinder", "mesh", "coarse mesh"])
+@pytest.mark.filterwarnings("ignore::zmp_sqp.MachineWarning")
+def test_a_machine_stands_on_wheels_that_are_planned_and_not_on_its_belly(
+    tmp_path: Path, shape: str
 ) -> None:
+    (tmp_path / "wheel.stl").write_bytes(wheel(12 if shape == "coarse mesh" else 64))
+    geometry = '<mesh filename="wheel.stl"/>'
+    if shape == "cylinder":
+        geometry = '<cylinder radius="0.3" length="0.2"/>'
+    text = on_wheels(geometry).replace(
+        '<link name="base">', f'<link name="base"><collision>{BELLY}</collision>'
+    )
+    path = write(tmp_path, text)
+    with pytest.warns(zs.MachineWarning, match="stands on link 'w0'.*hold these joints"):
+        rolling = zs.load_machine(path)
+    held = zs.load_machine(path, joints=["turn"])
+    assert rolling.size == held.size + 4
+    assert corners(rolling) == corners(held)
+    np.testing.assert_allclose(np.abs(corners(rolling)), [[0.6, 0.5]] * 4, atol=1e-6)
+
+
+def test_what_is_no_wheel_carries_nothing_while_it_is_planned(tmp_path: Path) -> None:
+    for geometry, kind in (('<box size="0.6 0.3 0.2"/>', "continuous"), ("", "revolute")):
+        text = on_wheels(geometry or '<cylinder radius="0.3" length="0.2"/>', kind)
+        limit = '<axis xyz="0 1 0"/><limit lower="-1" upper="1" velocity="1" effort="1"/>'
+        if kind == "revolute":
+            text = text.replace('<axis xyz="0 1 0"/>', limit)
+        with pytest.warns(zs.MachineWarning):
+            assert zs.load_machine(write(tmp_path, text)).support is None
+
+
+def test_contact_links_that_are_planned_are_refused_with_what_to_do(tmp_path: Path) -> None:
     path = write(tmp_path, on_wheels('<cylinder radius="0.3" length="0.2"/>'))
-    with pytest.warns(zs.MachineWarning, match="'axle0' .link 'w0'."):
-        assert zs.load_machine(path).support is None
     with pytest.raises(zs.MachineError, match=r"'w0' moves with joint 'axle0'.*hold=\{'axle0'"):
         zs.load_machine(path, support=["w0"])
 

@@ -160,7 +160,7 @@ def _source(contact_links: list[str] | None) -> str:
     """Where the support polygon comes from, in words."""
     if contact_links is not None:
         return f"the lowest points of {', '.join(contact_links)}, as --contact-links asks"
-    return "the lowest points of all links that no planned joint moves"
+    return "the lowest points of wheels and of all links that no planned joint moves"
 
 
 def _path(urdf: str) -> Path:

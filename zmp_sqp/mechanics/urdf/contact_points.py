@@ -1,4 +1,4 @@
-"""Lowest points of the shapes of links that do not move."""
+"""Lowest points of the shapes of links that do not move, and of wheels."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from zmp_sqp.mechanics.urdf.description import UrdfDescription
 from zmp_sqp.mechanics.urdf.elements import Joint, Shape
 from zmp_sqp.mechanics.urdf.meshes import MeshFolders
 
-__all__ = ["LEVEL", "Axle", "axle_of", "link_placement", "lowest_points"]
+__all__ = ["LEVEL", "Axle", "axle_of", "link_placement", "lowest_points", "wheel_placement"]
 
 LEVEL = 0.01  # [m] height above a shape's lowest point up to which it touches the ground, too
 # [m] the same for meshes: a ball of 30 mm radius touches within 11 mm of its lowest point
@@ -21,6 +21,7 @@ MESH_LEVEL = 2e-3
 # number of points on the rim of an upright cylinder; they form an inscribed polygon, which is never
 # larger than the disc
 RIM_POINTS = 32
+TURNS = (0.0, 0.4, 1.1, 2.0, 3.0, 4.3, 5.5)  # [rad] at which a link that turns must be as low
 HORIZONTAL = 0.1  # sine of the largest angle between the axle of a wheel and the ground plane
 
 Axle = tuple[Array, Array]  # a point of a wheel's axle and its direction, root frame, (3,) each
@@ -44,10 +45,33 @@ def axle_of(description: UrdfDescription, model: Any, link: str) -> Axle | None:
         joint = above.get(joint.parent)
     if joint is None or joint.kind != "continuous":
         return None
-    placement = link_placement(model, joint.child)
+    placement = link_placement(model, joint.child) or wheel_placement(model, joint.child)
     axis = placement.rotation @ joint.axis
     axis /= np.linalg.norm(axis)
     return None if abs(axis[2]) > HORIZONTAL else (placement.translation, axis)
+
+
+def wheel_placement(model: Any, link: str, angle: float = 0.0) -> Any:
+    """Placement of a link that one joint without limits turns on the root, a `pin.SE3`.
+
+    Args:
+        model: Pinocchio model of the URDF, in which held joints are fixed.
+        link: Name of the link.
+        angle: Angle of the joint [rad].
+
+    Returns:
+        Placement in the root frame; None where another joint moves the link, or is behind it.
+    """
+    frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
+    joint = frame.parentJoint
+    alone = joint > 1 and model.parents[joint] == 1 and len(model.subtrees[joint]) == 1
+    if not alone or model.joints[joint].nq != 2:  # a joint without limits has cosine and sine
+        return None
+    data, q = model.createData(), pin.neutral(model)
+    at = model.joints[joint].idx_q
+    q[at], q[at + 1] = np.cos(angle), np.sin(angle)
+    pin.forwardKinematics(model, data, q)
+    return data.oMi[joint] * frame.placement
 
 
 def lowest_points(shape: Shape, link: Any, axle: Axle | None, meshes: MeshFolders) -> Array:

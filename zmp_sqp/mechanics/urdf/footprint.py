@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,14 @@ import numpy as np
 from zmp_sqp.arrays import Array, length_text
 from zmp_sqp.errors import MachineError
 from zmp_sqp.mechanics.support import SupportPolygon
-from zmp_sqp.mechanics.urdf.contact_points import LEVEL, axle_of, link_placement, lowest_points
+from zmp_sqp.mechanics.urdf.contact_points import (
+    LEVEL,
+    TURNS,
+    axle_of,
+    link_placement,
+    lowest_points,
+    wheel_placement,
+)
 from zmp_sqp.mechanics.urdf.description import UrdfDescription
 from zmp_sqp.mechanics.urdf.elements import Shape
 from zmp_sqp.mechanics.urdf.meshes import MeshFolders
@@ -25,6 +32,7 @@ SHARE, MOST = 5e-3, 0.02
 Contact = tuple[str, Array]  # name of a link, and the lowest points of one of its shapes
 NEAR = 3.0  # times that height, up to which a contact that is left out is worth a word
 GROWTH = 2.0  # times the polygon's area, beyond which raised parts of links that stand are, too
+ROUND = 0.05  # share of a wheel's radius by which its lowest point may rise and fall as it turns
 # corners of a polygon, every one of which is a constraint; rounded meshes have hundreds
 MOST_CORNERS = 32
 SLAB = 0.1  # share of the machine's width within which shapes suggest a support polygon
@@ -46,9 +54,10 @@ class Footprint:
 
 
 def footprint(description: UrdfDescription, model: Any, meshes: MeshFolders) -> Footprint:
-    """Support polygon of all links that the planned joints do not move.
+    """Support polygon of all links that the planned joints do not move, and of wheels.
 
-    It is the convex hull of the points in which their collision shapes touch the ground.
+    It is the convex hull of the points in which their collision shapes touch the ground. Wheels
+    count although a planned joint may turn them: they touch the ground below their axles.
 
     Args:
         description: Content of the URDF.
@@ -62,13 +71,14 @@ def footprint(description: UrdfDescription, model: Any, meshes: MeshFolders) -> 
             for link in still
             for points in _contacts(description, model, link, description.shapes[link], meshes)
         ]
+        wheels = list(_wheels(description, model, meshes))
     except MachineError as fault:
-        why, contacts = str(fault), []
+        why, contacts, wheels = str(fault), [], []
     else:
         why = "no link that stands still has a collision shape"
-        if contacts:
+        if contacts or wheels:
             try:
-                return _polygon(contacts)
+                return _with_word_on_wheels(_polygon([*contacts, *wheels]), contacts, wheels)
             except MachineError as fault:
                 why = str(fault)
     return Footprint(None, hint=why + _suggestion(description, model, still, meshes))
@@ -120,6 +130,38 @@ def footprint_of_links(
                 f"contact link {link!r} ends {low - ground:.3f} m above the lowest contact"
             )
     return _polygon(contacts)
+
+
+def _wheels(description: UrdfDescription, model: Any, meshes: MeshFolders) -> Iterator[Contact]:
+    """Contacts of wheels that planned joints turn.
+
+    A wheel turns without limits on the part that stands still, about a horizontal axis, carries no
+    other joint, and is as low at every angle.
+    """
+    for link, shapes in description.shapes.items():
+        placement = wheel_placement(model, link)
+        axle = None if placement is None else axle_of(description, model, link)
+        for shape in shapes if axle is not None else ():
+            lowest = [
+                lowest_points(shape, wheel_placement(model, link, angle), None, meshes)[:, 2].min()
+                for angle in TURNS
+            ]
+            radius = axle[0][2] - min(lowest) if axle is not None else 0.0
+            if np.ptp(lowest) <= max(LEVEL, ROUND * radius):
+                yield link, lowest_points(shape, placement, axle, meshes)
+
+
+def _with_word_on_wheels(
+    found: Footprint, contacts: Sequence[Contact], wheels: Sequence[Contact]
+) -> Footprint:
+    """Footprint with a warning where the machine stands on wheels that planned joints turn."""
+    ground, tolerance = _ground([*contacts, *wheels])
+    standing = [link for link, points in wheels if points[:, 2].min() <= ground + tolerance]
+    if not standing:
+        return found
+    words = f"the machine stands on {first([f'link {link!r}' for link in standing])}"
+    said = f"{words}, which planned joints turn: hold these joints"
+    return replace(found, said="; ".join(filter(None, (found.said, said))))
 
 
 def _contacts(

@@ -64,8 +64,9 @@ def load_machine(
     Args:
         source: Name of a shipped machine, or path of a file.
         support: Support polygon in the root frame; or names of the contact links, whose collision
-            shapes' lowest points span it. None takes all links that no planned joint moves; if
-            these span no polygon, the machine has none, and planning says how to give one.
+            shapes' lowest points span it. None takes all links that no planned joint moves,
+            and wheels; if these span no polygon, the machine has none, and planning says how to
+            give one.
         limits: Path of a joint_limits.yaml to be read instead of the one in the folder of the URDF;
             or a mapping such as {"acceleration": 0.4} or {"velocity": {"slew": 0.8}} that replaces
             single limits of planned joints that come from these files.
