@@ -240,3 +240,21 @@ def test_the_payload_and_the_slope_that_a_refusal_names_are_those_to_give(
         pose(6000.0, -float(slope[1]))
         with pytest.raises(zs.ProblemError, match=REFUSED):
             pose(6000.0, -float(slope[1]) - 0.2)
+
+
+def test_corners_are_made_once_and_anew_after_a_model_was_changed() -> None:
+    first = problem(payload_uncertainty=0.1, payload_com_uncertainty=0.1, slope_uncertainty=0.02)
+    corners = first.corners(every=True)
+    again = problem(payload_uncertainty=0.1, payload_com_uncertainty=0.1, slope_uncertainty=0.02)
+    assert all(a is b for a, b in zip(corners, first.corners(every=True), strict=True))
+    assert all(a is b for a, b in zip(corners, again.corners(every=True), strict=True))
+    other = problem(payload_uncertainty=0.1, payload_com_uncertainty=0.1, slope_uncertainty=0.03)
+    assert not any(a is b for a, b in zip(corners, other.corners(every=True), strict=True))
+    # a user who changes a model in place, which he is told not to do, gets no stale corners
+    changed = corners[0].machine.model
+    before, heavy = changed.inertias[2].copy(), changed.inertias[2].copy()
+    heavy.mass *= 2.0
+    changed.inertias[2] = heavy
+    fresh = first.corners(every=True)
+    assert fresh[0] is not corners[0]
+    assert fresh[0].machine.model.inertias[2] == before

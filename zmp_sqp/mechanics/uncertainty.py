@@ -5,6 +5,8 @@ A motion that is safe at all corners is safe for every payload and slope between
 
 from __future__ import annotations
 
+import threading
+from collections import OrderedDict
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -15,9 +17,11 @@ from zmp_sqp.arrays import Array, finite_number, frozen_array, shortened
 from zmp_sqp.errors import ProblemError
 from zmp_sqp.mechanics.ground import Ground, Slope
 from zmp_sqp.mechanics.machine import Machine
+from zmp_sqp.mechanics.workspace import workspace_of
 
 __all__ = ["Corner", "com_box", "corners", "leaning_corners"]
 
+MOST_FOUND = 8  # sets of corners that are kept for a thread
 FARTHEST_COM = 10.0  # [m] largest uncertainty of a payload's centre of mass; more is an error
 
 
@@ -104,6 +108,76 @@ def corners(
             but there is not exactly one payload; or the slope is uncertain but is no Slope.
     """
     box = np.zeros(3) if payload_com_uncertainty is None else payload_com_uncertainty
+    if slope_uncertainty != 0.0 and type(ground) is not Slope:  # its gravity may change in place
+        return _corners(
+            machine, ground, tipping_fraction, payload_uncertainty, slope_uncertainty, box, every
+        )
+    version = workspace_of(machine.model).version
+    asked = tipping_fraction, payload_uncertainty, slope_uncertainty, box.tobytes(), every
+    key = (id(machine), version, id(ground), *asked)
+    found = _LATEST.found.get(key)
+    if found is None or not found.is_unchanged:
+        made = _corners(
+            machine, ground, tipping_fraction, payload_uncertainty, slope_uncertainty, box, every
+        )
+        found = _Found.of(machine, ground, made)
+        _LATEST.found[key] = found
+        if len(_LATEST.found) > MOST_FOUND:
+            _LATEST.found.popitem(last=False)
+    _LATEST.found.move_to_end(key)
+    return found.corners
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Found:
+    """Corners that were found before: to make 16 machines takes as long as a certificate.
+
+    Attributes:
+        given: Machine and ground; holding them keeps their identities from being reused.
+        corners: The corners.
+        versions: Versions of the workspaces of the corners' machines.
+    """
+
+    given: tuple[Machine, Ground]
+    corners: tuple[Corner, ...]
+    versions: tuple[int, ...]
+
+    @classmethod
+    def of(cls, machine: Machine, ground: Ground, found: tuple[Corner, ...]) -> _Found:
+        """Corners as they are now."""
+        return cls((machine, ground), found, _versions(found))
+
+    @property
+    def is_unchanged(self) -> bool:
+        """Whether no model of the corners was changed in place."""
+        return self.versions == _versions(self.corners)
+
+
+def _versions(found: tuple[Corner, ...]) -> tuple[int, ...]:
+    machines = {id(corner.machine): corner.machine for corner in found}
+    return tuple(workspace_of(machine.model).version for machine in machines.values())
+
+
+class _Latest(threading.local):
+    """The latest corners of a thread, as long as its workspaces are."""
+
+    def __init__(self) -> None:
+        self.found: OrderedDict[tuple[Any, ...], _Found] = OrderedDict()
+
+
+_LATEST = _Latest()
+
+
+def _corners(
+    machine: Machine,
+    ground: Ground,
+    tipping_fraction: float,
+    payload_uncertainty: float,
+    slope_uncertainty: float,
+    box: Array,
+    every: bool,
+) -> tuple[Corner, ...]:
+    """`corners`, made anew."""
     loads = _with_displaced_payloads(
         _with_scaled_payloads(machine, tipping_fraction, payload_uncertainty), box
     )
