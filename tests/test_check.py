@@ -74,7 +74,7 @@ def test_the_same_motion_is_safe_on_level_ground_up_to_its_margin(
     refused = checked(blind, "--margin", more, code=1, capsys=capsys)
     assert refused["required"] == float(more)
     assert main(["check", "feller_buncher", str(blind), *TREE, "--margin", more]) == 1
-    assert "less the margin by 0.01" in capsys.readouterr().out
+    assert f"short of the margin of {float(more):.10g} m" in capsys.readouterr().out
 
 
 def test_a_motion_faster_than_its_joints_is_not_safe(
@@ -155,8 +155,8 @@ def test_a_motion_is_certified_at_all_corners_of_what_is_uncertain(
     assert result["margin"] < nominal["margin"] - 0.01
     assert nominal["corner"] == ""
     assert (
-        f"leaves the left edge by {-expected.margin:.3f} m with {expected.corner}"
-        in result["fault"]
+        f"lies {-expected.margin:.3f} m outside the left edge of the support polygon with "
+        f"{expected.corner}" in result["fault"]
     )
     level = checked(blind, "--slope-uncertainty", "0.001", code=0, capsys=capsys)
     assert level["corner"]

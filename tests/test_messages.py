@@ -234,3 +234,37 @@ def test_a_slope_of_a_file_is_refused_in_its_own_unit(scenario, angle: str) -> N
     path = scenario(TIPPING.replace("roll_deg = -20", f"roll_deg = {angle}"))
     with pytest.raises(zs.ScenarioError, match=r"slope roll must lie within \+-90 degrees, not "):
         load_scenario(path)
+
+
+# --- what is said of constraints of the user's own
+
+
+def test_a_wrong_jacobian_is_named_where_the_search_fails_and_a_right_one_is_not() -> None:
+    problem = random_problem(4, HARD).problem
+
+    def slow(sign: float):
+        def rows(machine, q, v, a):
+            jacobian = np.zeros((len(q), 1, 3 * machine.size))
+            jacobian[:, 0, machine.size] = sign * 2.0 * v[:, 0]
+            return (v[:, 0] ** 2 - 0.01)[:, None], jacobian
+
+        return rows
+
+    said = []
+    for sign in (-1.0, 1.0):
+        rows = zs.PathRows("slow", slow(sign))
+        asked = replace(problem, constraints=[rows], intervals=10)
+        said.append(zs.plan(asked, time_budget=5.0))
+    wrong, right = said
+    assert not wrong.success
+    assert "The Jacobian of 'slow' is not that of the values" in wrong.message
+    assert right.success
+    assert "Jacobian" not in right.message
+
+
+def test_a_base_that_turns_many_times_may_be_meant_in_degrees() -> None:
+    limits = {"max_speed": 1.0, "max_acceleration": 0.5}
+    limits |= {"max_yaw_rate": 0.3, "max_yaw_acceleration": 0.3}
+    with pytest.warns(zs.ProblemWarning, match=r"14.3 full turns.*90 is 1.571 rad"):
+        zs.UnicycleBase(start=[0.0, 0.0, 0.0], goal=[1.0, 0.0, 90.0], **limits)
+    zs.UnicycleBase(start=[0.0, 0.0, 0.0], goal=[1.0, 0.0, 4.0 * np.pi], **limits)

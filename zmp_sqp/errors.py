@@ -110,8 +110,9 @@ GIVE_SUPPORT = Advice(
     "give one by support or contact_links in [machine] (zmp-sqp check: --contact-links)",
 )
 GIVE_LIMITS = Advice(
-    "give limits= to load_machine, or put a joint_limits.yaml beside the URDF",
-    "give [machine.limits], or put a joint_limits.yaml beside the URDF",
+    "give limits= to load_machine, or fill in a joint_limits.yaml beside the URDF",
+    "give [machine.limits], or fill in the joint_limits.yaml: that of the key joint_limits in "
+    "[machine], else one beside the URDF",
 )
 GIVE_EFFORT = Advice(
     "give <limit effort=...> in the URDF, or limits={'effort': ...} to load_machine",

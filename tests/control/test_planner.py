@@ -458,12 +458,17 @@ def test_one_slow_certificate_does_not_leave_a_planner_without_time_for_ever():
     planner = planner_of(problem, constraints=[zs.TorqueLimits()], intervals=20)
     plan = planner.plan(problem.start, problem.goal)
     planner._step_time, planner._proof_time = 1e-3, 0.2  # [s] as if the computer had been busy
+    planner._measured = 1e-3, 0.2
     goal = problem.goal - [0.3, 0.0, 0.0, 0.0, 0.0]
     q, v, _ = plan.trajectory(0.05)
     said = planner.plan(q, goal, v, time_budget=0.1, elapsed=0.05).message
+    expected = "a step takes about 10 ms, and a certificate, of which there may be two, 200"
     assert "No step of the search fits into the 100 ms" in said
+    assert expected in said
     for _ in range(40):
         plan = planner.plan(q, goal, v, time_budget=0.1)
+        if plan.status is zs.Status.KEPT and "No step" in plan.message:  # not what is hoped for
+            assert "about 0 ms" not in plan.message
         if np.allclose(plan.trajectory.positions[-1], goal, atol=1e-5):
             return
     pytest.fail("no motion to the new goal")

@@ -93,16 +93,17 @@ def read(folder: Path, text: str) -> JointLimits:
 
 
 def test_a_value_in_the_file_holds_only_where_its_switch_is_true(tmp_path: Path) -> None:
-    found = read(
-        tmp_path,
-        """
+    text = """
 joint_limits:
   slew: {has_velocity_limits: true, max_velocity: 0.3, has_acceleration_limits: false,
       max_acceleration: 7.0}
   boom: {max_velocity: 0.1, has_position_limits: true, min_position: -2, max_position: 2.5,
       has_jerk_limits: false, max_jerk: 3.0}
-""",
-    )
+"""
+    # a word only where a limit is missing without the value, and not about a zero
+    with pytest.warns(MachineWarning, match=r"true: max_acc\w+ of joint 'slew' \(has_acc\w+\)$"):
+        found = read(tmp_path, text)
+    read(tmp_path, text.replace("7.0", "0.0"))
     np.testing.assert_array_equal(found.velocity, [0.3, 0.6])
     np.testing.assert_array_equal(found.acceleration, [NAN, 2.0])
     np.testing.assert_array_equal(found.position_lower, [-1.0, -2.0])

@@ -57,6 +57,7 @@ from zmp_sqp.mechanics.stability_measures import stability_measures
 from zmp_sqp.motion.interpolation import RULES
 from zmp_sqp.motion.reading import SUFFIXES, RecordedMotion, read_motion
 from zmp_sqp.planning import Certificate, Trajectory, UnicycleBase
+from zmp_sqp.planning.constraints.tip_over import supported
 from zmp_sqp.planning.proof.certificate import certify_at
 from zmp_sqp.planning.proof.limits_in_time import limit_peaks
 from zmp_sqp.rigorous import RigorousCheck, check_rigorously
@@ -295,7 +296,7 @@ def _checked(
     )
     bounded = trajectory.base is None or base is not None
     edge = "" if machine.support is None else machine.support.edge_name(found.edge)
-    faults = certificate_faults(found, edge, peaks) + faults
+    faults = certificate_faults(found, supported(machine), peaks) + faults
     result = {
         "safe": not faults,
         "margin": finite(found.margin),

@@ -217,14 +217,16 @@ def hints_on(
     turning = np.array([unit == "rad" for unit in machine.joint_units])
     limits = machine.limits
     reach = np.maximum(np.abs(limits.position_lower), np.abs(limits.position_upper))
-    reach = np.where(np.isfinite(reach), reach, 4.0 * np.pi)
+    endless = ~np.isfinite(reach)
+    reach = np.where(endless, 4.0 * np.pi, reach)
     largest = np.abs(q).max(axis=0)
     outside = turning & (largest > 1.5 * reach)
     if not degrees and outside.any() and (largest <= 1.1 * np.degrees(reach))[turning].all():
         joint = int(np.flatnonzero(outside)[0])
+        beyond = "more than two turns" if endless[joint] else f"beyond its {reach[joint]:.3g} rad"
         hints.append(
-            f"{machine.joint_names[joint]} goes to {largest[joint]:.4g}, beyond its "
-            f"{reach[joint]:.3g} rad: give --degrees if angles are in degrees"
+            f"{machine.joint_names[joint]} goes to {largest[joint]:.4g}, {beyond}: "
+            "give --degrees if angles are in degrees"
         )
     if "velocity" in samples.values:
         given = float(np.abs(samples.values["velocity"]).max())

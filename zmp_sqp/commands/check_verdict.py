@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from zmp_sqp.arrays import finite_number, length_text
+from zmp_sqp.arrays import finite_number
 from zmp_sqp.commands.check_motion import ends_in_motion, finite, limit_faults
 from zmp_sqp.commands.check_question import Question
 from zmp_sqp.errors import ProblemError
+from zmp_sqp.mechanics.support import SupportPolygon
 from zmp_sqp.motion.reading import RecordedMotion
 from zmp_sqp.planning import Certificate
+from zmp_sqp.planning.problem.zmp_words import zmp_position
 from zmp_sqp.planning.proof.limits_in_time import LimitPeak
 from zmp_sqp.planning.proof.words import broken_own, fault_of
 from zmp_sqp.show.tables import key_table
@@ -74,12 +76,14 @@ def boundary_faults(
     return words, faults
 
 
-def certificate_faults(found: Certificate, edge: str, peaks: Sequence[LimitPeak]) -> list[str]:
+def certificate_faults(
+    found: Certificate, support: SupportPolygon, peaks: Sequence[LimitPeak]
+) -> list[str]:
     """What is not guaranteed, one clause each.
 
     Args:
         found: The certificate.
-        edge: Name of the edge that the ZMP comes nearest to.
+        support: Support polygon of the machine.
         peaks: Largest values beside the joint limits.
     """
     reasons, required = [], max(found.required, 0.0)
@@ -91,12 +95,11 @@ def certificate_faults(found: Certificate, edge: str, peaks: Sequence[LimitPeak]
     elif not np.isfinite(found.margin):
         reasons.append(f"no margin is proven{extreme}: {found.doubt}")
     elif found.margin < required:
-        kept = " less the margin" if found.required else ""
-        leaves = "leaves" if found.sampled < required else "may leave"
-        short = length_text(required - found.margin)
-        reasons.append(
-            f"at {found.margin_at:.2f} s the ZMP {leaves} the {edge} edge{kept} by {short}{extreme}"
+        modal = "" if found.sampled < required else "may"
+        where = zmp_position(
+            support, found.edge, distance=found.margin, margin=required, modal=modal
         )
+        reasons.append(f"at {found.margin_at:.2f} s the ZMP {where}{extreme}")
     faults = [fault_of(broken) for broken in broken_own(found.guarantees)]
     of_base = [row for row in found.guarantees if row.name == "base" and not row.kept]
     faults += limit_faults(peaks) + [fault_of(row) for row in of_base[:1]]

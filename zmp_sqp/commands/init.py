@@ -20,6 +20,7 @@ from zmp_sqp.commands.machine_options import (
     add_slope_options,
     machine_of,
     machine_table,
+    slope_of,
 )
 from zmp_sqp.errors import ScenarioError
 from zmp_sqp.mechanics import Machine, Slope, shipped_machines
@@ -87,7 +88,7 @@ def run_init(arguments: argparse.Namespace) -> int:
     """Choose a motion, write and check both files, say what is missing; returns the exit code."""
     with live_line("reading the machine"):
         machine = machine_of(arguments)
-    ground = Slope(roll=np.radians(arguments.roll), pitch=np.radians(arguments.pitch))
+    ground = slope_of(arguments)
     stem = Path(arguments.urdf).stem
     scenario, limits = arguments.out / f"{stem}.toml", arguments.out / LIMITS_FILE
     _refuse_to_replace((scenario, limits), force=arguments.force)

@@ -9,8 +9,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from zmp_sqp.commands.console import (
     add_command,
     add_json_option,
@@ -29,9 +27,10 @@ from zmp_sqp.commands.machine_options import (
     add_payload_options,
     add_slope_options,
     machine_of,
+    slope_of,
 )
 from zmp_sqp.errors import MachineError
-from zmp_sqp.mechanics import Slope, shipped_machines
+from zmp_sqp.mechanics import shipped_machines
 from zmp_sqp.mechanics.inspection import Inspection, inspect
 from zmp_sqp.mechanics.summary import MISSING, joint_lines, mass_text, support_text
 from zmp_sqp.plots import machine, save
@@ -111,7 +110,7 @@ def run_inspect(arguments: argparse.Namespace) -> int:
     with live_line("reading the machine"), warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         loaded = machine_of(arguments)
-    ground = Slope(roll=np.radians(arguments.roll), pitch=np.radians(arguments.pitch))
+    ground = slope_of(arguments)
     tip, offset = arguments.tip, None
     if tip is None and arguments.payload is not None:
         tip, offset = arguments.payload_frame, arguments.payload_com
@@ -160,7 +159,7 @@ def _source(contact_links: list[str] | None) -> str:
     """Where the support polygon comes from, in words."""
     if contact_links is not None:
         return f"the lowest points of {', '.join(contact_links)}, as --contact-links asks"
-    return "the lowest points of wheels and of all links that no planned joint moves"
+    return "the lowest points of wheels and of what no planned joint moves"
 
 
 def _path(urdf: str) -> Path:

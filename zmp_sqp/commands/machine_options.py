@@ -26,6 +26,7 @@ __all__ = [
     "ground_of",
     "machine_of",
     "machine_table",
+    "slope_of",
     "uncertainties_of",
 ]
 
@@ -263,6 +264,17 @@ def _payload_table(arguments: argparse.Namespace) -> dict[str, Any]:
     raise MachineError(f"{mass}, {' and '.join(others)} belong together: give all three")
 
 
+def slope_of(arguments: argparse.Namespace) -> Slope:
+    """Slope that the options describe.
+
+    Raises:
+        MachineError: An angle is out of range.
+    """
+    found = build_ground({"roll_deg": arguments.roll, "pitch_deg": arguments.pitch}, HERE)
+    assert isinstance(found, Slope)
+    return found
+
+
 def ground_of(arguments: argparse.Namespace) -> Slope | Heightmap:
     """Ground that the options describe.
 
@@ -270,13 +282,12 @@ def ground_of(arguments: argparse.Namespace) -> Slope | Heightmap:
         MachineError: Options exclude each other or are missing, an angle is out of range, or the
             heightmap cannot be used.
     """
-    slope = {"roll_deg": arguments.roll, "pitch_deg": arguments.pitch}
     if arguments.heightmap is None:
-        return build_ground(slope, HERE)
+        return slope_of(arguments)
     table = {"file": arguments.heightmap, "origin": tuple(arguments.origin)}
     if arguments.resolution is not None:
         table["resolution"] = arguments.resolution
-    if any(slope.values()) or not table.keys() >= set(HEIGHTMAP.required):
+    if arguments.roll or arguments.pitch or not table.keys() >= set(HEIGHTMAP.required):
         raise MachineError(
             "--heightmap needs --resolution, and has slopes of its own: "
             "leave out --roll and --pitch"

@@ -76,7 +76,7 @@ def widened_limits(given: Machine, widened: Machine) -> str:
         given: The machine.
         widened: The same with limits from `with_room_to_stop`.
     """
-    found = []
+    found, moved = [], []
     for j, name in enumerate(given.joint_names):
         position, rate = given.joint_units[j], f"{given.joint_units[j]}/s"
         for kind, unit, words in (
@@ -85,10 +85,14 @@ def widened_limits(given: Machine, widened: Machine) -> str:
             ("velocity", rate, "velocity limit"),
         ):
             old, new = (float(getattr(one.limits, kind)[j]) for one in (given, widened))
+            if old != new and kind != "velocity":
+                outwards = np.floor if kind == "position_lower" else np.ceil
+                moved.append(f"{kind}={{{name!r}: {outwards(1e4 * new) / 1e4:.4f}}}")
             if old != new:
                 found.append(f"{words} of joint {name!r} ({old:.4g} {unit}, here {new:.4g} {unit})")
     if not found:
         return ""
-    return (
-        f"No motion from this state keeps all limits; this one passes the {', the '.join(found)}."
-    )
+    limits = f"machine.with_limits({', '.join(moved)})"
+    onward = f" To plan on from there, give limits that hold it: {limits}." if moved else ""
+    passed = f"this one passes the {', the '.join(found)}"
+    return f"No motion from this state keeps all limits; {passed}.{onward}"

@@ -31,6 +31,7 @@ from zmp_sqp.errors import ProblemError
 from zmp_sqp.mechanics.ground import Ground, Slope, is_uneven
 from zmp_sqp.mechanics.machine import Machine
 from zmp_sqp.planning.constraints.binding import checked_constraints
+from zmp_sqp.planning.problem.checks import checked_margin
 from zmp_sqp.planning.problem.problem import Problem
 from zmp_sqp.planning.problem.undercarriage import Driving
 from zmp_sqp.planning.problem.unicycle_base import UnicycleBase
@@ -104,10 +105,14 @@ class Planner:
     _starved: bool = field(default=False, init=False, repr=False)
     _step_time: float = field(default=0.0, init=False, repr=False)  # [s] per interval
     _proof_time: float = field(default=0.0, init=False, repr=False)  # [s] of the last certificate
+    # both as measured last: those above are hopes where they leave no time for a step
+    _measured: tuple[float, float] = field(default=(0.0, 0.0), init=False, repr=False)
 
     def __post_init__(self) -> None:
         self._check()
         make_backend(self.qp_solver)  # refuses a name that it does not know
+        if self.machine.support is not None:
+            self.margin = checked_margin(self.margin, self.machine)
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: getattr(self, name) for name in self.__slots__ if name != "_in_use"}
@@ -159,6 +164,8 @@ class Planner:
             self._check()
             if elapsed is not None:
                 elapsed = finite_number(elapsed, name="elapsed", error=ProblemError)
+                if elapsed < 0.0:
+                    raise ProblemError(f"elapsed must be at least 0 s, not {elapsed:g} s")
             if not isinstance(self.constraints, list | tuple):
                 # an iterator has its constraints only once: later calls would have none
                 self.constraints = checked_constraints(self.constraints)
@@ -296,12 +303,12 @@ class Planner:
 
     def _advice(self, budget: float, effort: Effort) -> str:
         """Sentence about a search for which the time budget leaves no step, to be appended."""
-        step, proof = self._step_time * effort.intervals, self._proof_time
+        step, proof = self._measured[0] * effort.intervals, self._measured[1]
         if step == 0.0 or proof == 0.0:
             return ""  # not known yet
         return (
             f" No step of the search fits into the {1e3 * budget:.3g} ms: a step takes about "
-            f"{1e3 * step:.2g} ms, and a certificate, of which there may be two, {1e3 * proof:.2g}."
+            f"{1e3 * step:.3g} ms, and a certificate, of which there may be two, {1e3 * proof:.3g}."
             " Give more time."
         )
 
@@ -461,6 +468,10 @@ class Planner:
         if steps:
             self._step_time = float(np.median(steps))
         self._proof_time = runs.proof_time or self._proof_time
+        self._measured = (
+            self._step_time if steps else self._measured[0],
+            runs.proof_time or self._measured[1],
+        )
         if self._starved:  # what took long once is not to leave no time for ever
             self._step_time *= FADING
             self._proof_time *= FADING

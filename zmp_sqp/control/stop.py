@@ -145,7 +145,7 @@ def stop_plan(
     proven, problem = _stop(task, runs, quick=quick)
     plan = answer(problem, qp_solver, task.lower_bound, proven, runs)
     if plan.success and (widened := widened_limits(given, machine)):
-        return replace(plan, message=f"{plan.message} {widened}")
+        return replace(plan, message=f"{Status.STOP} {widened}")
     return plan
 
 

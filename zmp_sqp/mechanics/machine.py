@@ -272,8 +272,15 @@ class Machine:
             model.inertias[joint] = _sum_of_frames(model, joint)
         return replace(self, model=model)
 
-    def with_limits(self, *, velocity: Any = None, acceleration: Any = None) -> Machine:
-        """Copy of this machine with other velocity or acceleration limits.
+    def with_limits(
+        self,
+        *,
+        velocity: Any = None,
+        acceleration: Any = None,
+        position_lower: Any = None,
+        position_upper: Any = None,
+    ) -> Machine:
+        """Copy of this machine with other limits.
 
         Each argument is a scalar for all joints, an array of shape (n,), or a mapping from joint
         names to numbers; None keeps the limits.
@@ -281,11 +288,18 @@ class Machine:
         Args:
             velocity: Velocity limits [rad/s or m/s].
             acceleration: Acceleration limits [rad/s^2 or m/s^2].
+            position_lower, position_upper: Position limits [rad or m].
 
         Raises:
-            MachineError: Wrong shape, unknown joint, or a limit that is not positive and finite.
+            MachineError: Wrong shape, unknown joint, a limit of rates or accelerations that is not
+                positive and finite, or a lower limit above the upper one.
         """
-        given = {"velocity": velocity, "acceleration": acceleration}
+        given = {
+            "velocity": velocity,
+            "acceleration": acceleration,
+            "position_lower": position_lower,
+            "position_upper": position_upper,
+        }
         changes: Mapping[str, Any] = {
             key: value for key, value in given.items() if value is not None
         }

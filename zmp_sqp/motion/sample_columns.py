@@ -114,7 +114,8 @@ def _check_joints(
         for joint in lacking:
             raise TrajectoryError(
                 f"{source}: there is no column '{joint}.{quantity}'; every joint needs one "
-                f"({', '.join(joint_names)}), and the columns are {_listed(header)}"
+                f"({', '.join(joint_names)}), and the columns are {_listed(header)}; joints that "
+                "are not logged are held: load the machine with the others alone (joints)"
             )
 
 

@@ -76,7 +76,7 @@ def read_joint_limits(
                 f"{path}: unknown key {key!r}; expected joint_limits or {', '.join(SCALINGS)}"
             )
     changes: dict[str, dict[str, float]] = {}
-    idle, jerky = [], []
+    idle, jerky, off = [], [], []
     for joint, entries in _mapping(content.get("joint_limits"), f"{path}: joint_limits").items():
         where = f"{path}: joint_limits.{joint}"
         if joint in unplanned:
@@ -91,6 +91,7 @@ def read_joint_limits(
             changes.setdefault(limit, {})[joint] = value
         if entries.get("has_jerk_limits", "max_jerk" in entries):
             jerky.append(joint)
+        off += [(joint, *idle_value) for idle_value in _without_switch(entries)]
     if idle:
         warn_of_machine(f"{path}: {ignored_limits(idle)}")
     if jerky:
@@ -102,6 +103,13 @@ def read_joint_limits(
         merged = limits.updated(changes, joint_names)
     except MachineError as fault:
         raise MachineError(f"{path}: joint_limits: {fault}") from None
+    missed = [
+        f"{key} of joint {joint!r} ({switch})"
+        for joint, switch, key, limit in off
+        if np.isnan(getattr(merged, limit)[joint_names.index(joint)])
+    ]
+    if missed:
+        warn_of_machine(f"{path}: values count only if their switch is true: {', '.join(missed)}")
     return _scaled(merged, content, joint_names, path)
 
 
@@ -152,6 +160,13 @@ def _joint(entries: dict[Any, Any], where: str) -> dict[str, float]:
             if on:
                 found[limit] = _number(entries[key], f"{where}.{key}")
     return found
+
+
+def _without_switch(entries: dict[Any, Any]) -> Iterator[tuple[str, str, str]]:
+    """Switch, key and attribute of JointLimits of each value that does not count, but for zeros."""
+    for switch, values in SWITCHES:
+        if not entries.get(switch, False):
+            yield from ((switch, key, limit) for key, limit in values.items() if entries.get(key))
 
 
 def _mapping(value: Any, where: str) -> dict[Any, Any]:

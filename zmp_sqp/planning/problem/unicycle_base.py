@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from zmp_sqp.arrays import Array, distinct_texts, finite_number, frozen_array, set_frozen_state
-from zmp_sqp.errors import ProblemError
-from zmp_sqp.mechanics.limits import JointLimits
+from zmp_sqp.errors import ProblemError, ProblemWarning
+from zmp_sqp.mechanics.limits import FULL_TURN, JointLimits
 from zmp_sqp.motion.double_integrator import minimum_time
 
 __all__ = ["UnicycleBase"]
@@ -19,6 +20,7 @@ LIMITS = ("max_speed", "max_acceleration", "max_yaw_rate", "max_yaw_acceleration
 LIMIT_TOLERANCE = 1e-9
 # [m] distance behind the start up to which a goal counts as beside it, and is driven to forwards
 LEAST_DISTANCE = 1e-12
+MANY_TURNS = 4.0 * FULL_TURN  # [rad] turns of the base beyond it may be meant in degrees
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,6 +80,15 @@ class UnicycleBase:
             self._check_rates(f"{name}_velocity")
         for axis, name in enumerate(("x_bounds", "y_bounds")):
             self._check_bounds(axis, name)
+        turned = float(abs(self.goal[2] - self.start[2]))
+        if turned > MANY_TURNS:
+            yaw = float(max(self.start[2], self.goal[2], key=abs))
+            warnings.warn(
+                f"the base turns by {turned:.6g} rad, {turned / FULL_TURN:.3g} full turns; if "
+                f"yaws are meant in degrees, {yaw:g} is {np.radians(yaw):.4g} rad",
+                ProblemWarning,
+                stacklevel=4,  # the line that poses the base
+            )
 
     def _freeze(self, name: str, values: Any, size: int) -> None:
         array = frozen_array(values, name=f"base {name}", shape=(size,), error=ProblemError)

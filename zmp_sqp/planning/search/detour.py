@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from zmp_sqp.arrays import Array
+from zmp_sqp.arrays import Array, length_text
 from zmp_sqp.planning.program.grid import Grid
 from zmp_sqp.planning.search.run import Runs
 from zmp_sqp.planning.search.still_poses import Barrier, StillPoses
@@ -69,9 +69,12 @@ def _words(task: Task, barrier: Barrier) -> str:
     machine, coordinates = task.problem.machine, task.constraints.corners[0].model.coordinates
     if not coordinates.is_identity:
         return ""
+    beyond = barrier.outside - task.problem.margin  # [m] the edge itself
+    best = f"{length_text(abs(beyond))} {'outside' if beyond > 0.0 else 'inside'}"
+    if beyond <= 0.0:
+        best += f", less than the margin of {task.problem.margin:.10g} m"
     name, unit = machine.joint_names[barrier.joint], machine.joint_units[barrier.joint]
     return (
         f"On its way to the goal, joint '{name}' has to pass {barrier.value:.3f} {unit}, where no "
-        "pose was found that stands at rest: at best, the ZMP is "
-        f"{barrier.outside:.3f} m outside."
+        f"pose was found that stands at rest: at best, the ZMP is {best}."
     )

@@ -97,7 +97,10 @@ def _ending(problem: Problem, status: Status, checked: Certificate) -> str:
     loosest = ["a smaller margin"] if checked.margin < problem.margin and problem.margin else []
     loosest += ["a looser limit"] if broken_own(checked.guarantees) else []
     finer = ["more intervals"] if problem.first_intervals < FEW_INTERVALS else []
-    tried = [*finer, *_easier(problem), *loosest, "another start or goal"]
+    easier = _easier(problem)
+    # a constraint of the user's own may depend on neither payload nor slope
+    first, then = (easier, loosest) if checked.margin < problem.margin else (loosest, easier)
+    tried = [*finer, *first, *then, "another start or goal"]
     return (
         f"Not solved: the search ended at a motion that still {' and '.join(names)}; "
         f"try {', '.join(tried[:-1])}{', or ' if len(tried) > 1 else ''}{tried[-1]}."

@@ -16,6 +16,7 @@ from zmp_sqp.planning.proof.certificate import certify_for
 from zmp_sqp.planning.search.answer import Plan, Status
 from zmp_sqp.planning.search.blind import certified_blind_motion
 from zmp_sqp.planning.search.explore import explore
+from zmp_sqp.planning.search.jacobian_check import wrong_jacobians
 from zmp_sqp.planning.search.messages import failure_message, success_message
 from zmp_sqp.planning.search.prove import Proven, prove
 from zmp_sqp.planning.search.refine import refine
@@ -146,6 +147,7 @@ def answer(
         message = failure_message(problem, status, checked, proven.obstacle, duration=duration)
         if status is Status.INFEASIBLE and runs.reason:
             message = f"{message} {runs.reason}"
+        message += wrong_jacobians(problem, proven.attempt)
     return Plan(
         problem=problem,
         status=status,
