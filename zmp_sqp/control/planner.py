@@ -162,10 +162,7 @@ class Planner:
         """
         with self._sole_use():
             self._check()
-            if elapsed is not None:
-                elapsed = finite_number(elapsed, name="elapsed", error=ProblemError)
-                if elapsed < 0.0:
-                    raise ProblemError(f"elapsed must be at least 0 s, not {elapsed:g} s")
+            elapsed = _checked_elapsed(elapsed)
             if not isinstance(self.constraints, list | tuple):
                 # an iterator has its constraints only once: later calls would have none
                 self.constraints = checked_constraints(self.constraints)
@@ -481,6 +478,20 @@ class Planner:
         if plan.success and plan.attempt is not None:
             kept = Memory(plan.problem, plan.attempt, candidate, plan.status)
             self._memory, self._begins = kept, 0.0
+
+
+def _checked_elapsed(given: Any) -> float | None:
+    """Time since the start of the last motion [s]; None if it is not known.
+
+    Raises:
+        ProblemError: No number, or a negative one.
+    """
+    if given is None:
+        return None
+    elapsed = finite_number(given, name="elapsed", error=ProblemError)
+    if elapsed < 0.0:
+        raise ProblemError(f"elapsed must be at least 0 s, not {elapsed:g} s")
+    return elapsed
 
 
 def _unfinished(

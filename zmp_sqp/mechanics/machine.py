@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from zmp_sqp.arrays import Array, Indices, finite_number, frozen_array
 from zmp_sqp.errors import MachineError, warn_of_machine
+from zmp_sqp.mechanics.frame_points import point_on
 from zmp_sqp.mechanics.joint_coupling import JointCoupling
 from zmp_sqp.mechanics.likely_units import doubtful_support, machine_size
 from zmp_sqp.mechanics.limits import JointLimits
@@ -106,6 +107,29 @@ class Machine:
                 f"pose {name!r} has no coordinate for joint {', '.join(map(repr, missing))}"
             )
         return np.array([self.poses[name][joint] for joint in self.joint_names])
+
+    def point(self, frame: str, q: Array, offset: Any = (0.0, 0.0, 0.0)) -> tuple[Array, Array]:
+        """Positions of a point that is fixed to a frame, and their Jacobian by the joints.
+
+        For constraints of your own (`PathRows`), such as a boom that shall stay below wires.
+
+        Args:
+            frame: Name of a link or another frame.
+            q: Joint coordinates, shape (K, n) [rad or m].
+            offset: The point, in the axes of the frame, shape (3,) [m].
+
+        Returns:
+            Positions in the root frame, shape (K, 3) [m], and their Jacobian by the planned joints,
+            with those that mimic them, shape (K, 3, n).
+
+        Raises:
+            MachineError: Unknown frame (the message lists the links), or a wrong shape.
+        """
+        states = np.asarray(q, dtype=float)
+        if states.ndim != 2 or states.shape[1] != self.size:
+            raise MachineError(f"q must have shape (K, {self.size}), not {states.shape}")
+        found, by_all = point_on(self.model, frame, self.configuration(states), offset)
+        return found, self.coupling.columns(by_all)
 
     def configuration(self, q: Array) -> Array:
         """Pinocchio configurations of joint coordinates, with the root pose at the identity.

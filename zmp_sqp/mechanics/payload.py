@@ -10,6 +10,7 @@ import pinocchio as pin
 
 from zmp_sqp.arrays import Array, finite_number, frozen_array, set_frozen_state
 from zmp_sqp.errors import MachineError
+from zmp_sqp.mechanics.frame_points import frame_index
 from zmp_sqp.mechanics.inertia import checked_inertia
 
 __all__ = ["Payload"]
@@ -71,7 +72,7 @@ class Payload:
         Raises:
             MachineError: Unknown frame; the message lists the known frames.
         """
-        index = self._frame_index(model)
+        index = frame_index(model, self.frame, purpose=" to carry the payload")
         carrier = model.frames[index]
         inertia = pin.Inertia(
             self.mass, self.com, np.zeros((3, 3)) if self.inertia is None else self.inertia
@@ -91,24 +92,3 @@ class Payload:
             True,  # adds the inertia to the joint that moves the frame
         )
         return loaded
-
-    def _frame_index(self, model: Any) -> int:
-        """Index of the frame that carries the payload.
-
-        A link takes precedence over a joint of this name: in many URDFs, also in the ones shipped
-        here, a joint and its child link share a name.
-        """
-        # joint 0 is the universe, which carries nothing
-        frames = [(i, frame) for i, frame in enumerate(model.frames) if frame.parentJoint > 0]
-        links = [
-            i
-            for i, frame in frames
-            if frame.name == self.frame and frame.type == pin.FrameType.BODY
-        ]
-        others = [i for i, frame in frames if frame.name == self.frame]
-        if not others:
-            known = ", ".join(dict.fromkeys(frame.name for _, frame in frames))
-            raise MachineError(
-                f"there is no frame {self.frame!r} to carry the payload; frames are {known}"
-            )
-        return int((links or others)[0])

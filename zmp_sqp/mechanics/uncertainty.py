@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
 from typing import Any
@@ -108,24 +109,12 @@ def corners(
             but there is not exactly one payload; or the slope is uncertain but is no Slope.
     """
     box = np.zeros(3) if payload_com_uncertainty is None else payload_com_uncertainty
-    if slope_uncertainty != 0.0 and type(ground) is not Slope:  # its gravity may change in place
-        return _corners(
-            machine, ground, tipping_fraction, payload_uncertainty, slope_uncertainty, box, every
-        )
-    version = workspace_of(machine.model).version
-    asked = tipping_fraction, payload_uncertainty, slope_uncertainty, box.tobytes(), every
-    key = (id(machine), version, id(ground), *asked)
-    found = _LATEST.found.get(key)
-    if found is None or not found.is_unchanged:
-        made = _corners(
-            machine, ground, tipping_fraction, payload_uncertainty, slope_uncertainty, box, every
-        )
-        found = _Found.of(machine, ground, made)
-        _LATEST.found[key] = found
-        if len(_LATEST.found) > MOST_FOUND:
-            _LATEST.found.popitem(last=False)
-    _LATEST.found.move_to_end(key)
-    return found.corners
+    asked = machine, ground, tipping_fraction, payload_uncertainty, slope_uncertainty, box, every
+    if slope_uncertainty != 0.0 and type(ground) is not Slope:
+        return _corners(*asked)  # the ground's gravity may change in place
+    numbers = tipping_fraction, payload_uncertainty, slope_uncertainty, box.tobytes(), every
+    key = (id(machine), workspace_of(machine.model).version, id(ground), *numbers)
+    return _LATEST.corners_of(key, lambda: _Found.of(machine, ground, _corners(*asked)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -163,6 +152,16 @@ class _Latest(threading.local):
 
     def __init__(self) -> None:
         self.found: OrderedDict[tuple[Any, ...], _Found] = OrderedDict()
+
+    def corners_of(self, key: tuple[Any, ...], make: Callable[[], _Found]) -> tuple[Corner, ...]:
+        """Corners that are known by a key, made anew where they are not there or have changed."""
+        found = self.found.get(key)
+        if found is None or not found.is_unchanged:
+            self.found[key] = found = make()
+        self.found.move_to_end(key)
+        if len(self.found) > MOST_FOUND:
+            self.found.popitem(last=False)
+        return found.corners
 
 
 _LATEST = _Latest()

@@ -75,6 +75,32 @@ def read_joint_limits(
             raise MachineError(
                 f"{path}: unknown key {key!r}; expected joint_limits or {', '.join(SCALINGS)}"
             )
+    changes, idle, jerky, off = _entries(content, path, joint_names, unplanned)
+    if idle:
+        warn_of_machine(f"{path}: {ignored_limits(idle)}")
+    if jerky:
+        warn_of_machine(
+            f"{path}: jerk limits are not planned with yet, and those of joint "
+            f"{', '.join(map(repr, jerky))} are ignored"
+        )
+    try:
+        merged = limits.updated(changes, joint_names)
+    except MachineError as fault:
+        raise MachineError(f"{path}: joint_limits: {fault}") from None
+    if missed := _missed(off, merged, joint_names):
+        warn_of_machine(f"{path}: values count only if their switch is true: {', '.join(missed)}")
+    return _scaled(merged, content, joint_names, path)
+
+
+def _entries(
+    content: dict[Any, Any], path: Path, joint_names: Sequence[str], unplanned: Collection[str]
+) -> tuple[dict[str, dict[str, float]], list[str], list[str], list[tuple[str, str, str, str]]]:
+    """What a file says of the joints.
+
+    Returns:
+        Limits of planned joints, by limit and joint; joints that are not planned; joints with jerk
+        limits; joint, switch, key and limit of each value that does not count.
+    """
     changes: dict[str, dict[str, float]] = {}
     idle, jerky, off = [], [], []
     for joint, entries in _mapping(content.get("joint_limits"), f"{path}: joint_limits").items():
@@ -92,25 +118,7 @@ def read_joint_limits(
         if entries.get("has_jerk_limits", "max_jerk" in entries):
             jerky.append(joint)
         off += [(joint, *idle_value) for idle_value in _without_switch(entries)]
-    if idle:
-        warn_of_machine(f"{path}: {ignored_limits(idle)}")
-    if jerky:
-        warn_of_machine(
-            f"{path}: jerk limits are not planned with yet, and those of joint "
-            f"{', '.join(map(repr, jerky))} are ignored"
-        )
-    try:
-        merged = limits.updated(changes, joint_names)
-    except MachineError as fault:
-        raise MachineError(f"{path}: joint_limits: {fault}") from None
-    missed = [
-        f"{key} of joint {joint!r} ({switch})"
-        for joint, switch, key, limit in off
-        if np.isnan(getattr(merged, limit)[joint_names.index(joint)])
-    ]
-    if missed:
-        warn_of_machine(f"{path}: values count only if their switch is true: {', '.join(missed)}")
-    return _scaled(merged, content, joint_names, path)
+    return changes, idle, jerky, off
 
 
 def _scaled(
@@ -167,6 +175,23 @@ def _without_switch(entries: dict[Any, Any]) -> Iterator[tuple[str, str, str]]:
     for switch, values in SWITCHES:
         if not entries.get(switch, False):
             yield from ((switch, key, limit) for key, limit in values.items() if entries.get(key))
+
+
+def _missed(
+    off: Sequence[tuple[str, str, str, str]], limits: JointLimits, joint_names: Sequence[str]
+) -> list[str]:
+    """Values that do not count, in words, where the limit is given nowhere else.
+
+    Args:
+        off: Joint, switch, key and attribute of JointLimits of each value that does not count.
+        limits: Limits without these values.
+        joint_names: Names of the n joints.
+    """
+    return [
+        f"{key} of joint {joint!r} ({switch})"
+        for joint, switch, key, limit in off
+        if np.isnan(getattr(limits, limit)[joint_names.index(joint)])
+    ]
 
 
 def _mapping(value: Any, where: str) -> dict[Any, Any]:
