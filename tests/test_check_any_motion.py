@@ -75,6 +75,77 @@ def test_straight_lines_are_not_safe_and_no_error(tmp_path: Path, capsys: Captur
     assert "Not safe: straight lines" in " ".join(capsys.readouterr().out.split())
 
 
+@pytest.mark.parametrize(("rate", "noise"), [(100.0, 1e-4), (250.0, 1e-4), (50.0, 3e-4)])
+def test_a_log_with_noise_is_checked_through_smoothing_splines(
+    rate: float, noise: float, tmp_path: Path, capsys: Capture
+) -> None:
+    t, q, _, _ = trapezoid(rate, speed=0.3, gain=0.2)
+    still = np.arange(1.0, 0.5 * rate) / rate  # the log begins before and ends after the motion
+    times = np.concatenate([still, t + 0.5, t[-1] + 0.5 + still])
+    rest = np.repeat(q[[0, -1]], len(still), axis=0).reshape(2, len(still), 5)
+    true = np.concatenate([rest[0], q, rest[1]])
+    measured = true + noise * np.random.default_rng(5).normal(size=true.shape)
+    path = tmp_path / "log.csv"
+    write_csv_samples(path, JOINTS, times, [measured], None)
+    code, through = run("feller_buncher", path, capsys=capsys)
+    assert code == 1
+    (hint,) = (text for text in through["hints"] if "look noisy" in text)
+    estimate = float(hint.split("--noise ")[1].split()[0])
+    assert 0.6 * noise < estimate < 1.6 * noise
+    code, smooth = run("feller_buncher", path, "--noise", noise, capsys=capsys)
+    assert (code, smooth["safe"], smooth["fault"]) == (0, True, "")
+    assert smooth["motion"]["interpolation"] == "smoothed"
+    assert not any("noisy" in text for text in smooth["hints"])
+    machine = zs.load_machine("feller_buncher")
+    fine = trapezoid(2000.0, speed=0.3, gain=0.2)[1:]
+    sampled = zs.stability_margin(machine, *fine, zs.Slope()).min()
+    assert smooth["margin"] == pytest.approx(sampled, abs=2e-2)
+    assert smooth["motion"]["departure"]["slew"]["position"] < 5.0 * noise
+    of_each = zs.read_motion(path, machine, noise=dict.fromkeys(JOINTS, noise)).trajectory
+    np.testing.assert_array_equal(
+        of_each.positions, zs.read_motion(path, machine, noise=noise).trajectory.positions
+    )
+    off = np.abs(of_each.positions[len(still) :][: len(t)] - q)
+    assert np.sqrt((off**2).mean()) < 0.6 * noise  # nearer to the truth than the samples
+
+
+def test_smoothing_follows_a_motion_without_noise_as_closely_as_it_is_told(tmp_path: Path) -> None:
+    t, q, v, _ = trapezoid(200.0)
+    write_csv_samples(tmp_path / "log.csv", JOINTS, t, [q], None)
+    machine = zs.load_machine("feller_buncher")
+    read = zs.read_motion(tmp_path / "log.csv", machine, noise=1e-6)
+    assert np.abs(read.trajectory.positions - q).max() < 1e-5
+    assert np.abs(read.trajectory.velocities - v).max() < 5e-3
+
+
+@pytest.mark.parametrize(
+    ("noise", "complaint"),
+    [
+        (0.0, "noise must be positive, not 0"),
+        (-1e-4, "noise must be positive"),
+        (np.nan, "noise"),
+        ("much", "noise"),
+        ([1e-4, 1e-4], "noise"),
+        ({"slew": 1e-4}, "noise"),
+    ],
+)
+def test_a_wrong_noise_is_refused(noise: Any, complaint: str, tmp_path: Path) -> None:
+    path = write_trapezoid(tmp_path / "log.csv", 1)
+    with pytest.raises(zs.ZmpSqpError, match=complaint):
+        zs.read_motion(path, zs.load_machine("feller_buncher"), noise=noise)
+
+
+def test_noise_and_a_rule_exclude_each_other_and_few_samples_are_refused(tmp_path: Path) -> None:
+    machine = zs.load_machine("feller_buncher")
+    path = write_trapezoid(tmp_path / "log.csv", 1)
+    with pytest.raises(zs.TrajectoryError, match="leave out the interpolation"):
+        zs.read_motion(path, machine, noise=1e-4, interpolation="spline")
+    t, q, _, _ = trapezoid(1.0)
+    write_csv_samples(tmp_path / "few.csv", JOINTS, t[:5], [q[:5]], None)
+    with pytest.raises(zs.TrajectoryError, match="at least 8 samples"):
+        zs.read_motion(tmp_path / "few.csv", machine, noise=1e-4)
+
+
 @pytest.mark.parametrize("quantities", [1, 2, 3])
 def test_a_truncated_motion_is_not_safe_unless_asked_for(
     quantities: int, tmp_path: Path, capsys: Capture

@@ -17,6 +17,7 @@ from zmp_sqp.commands.check_motion import (
     limit_allowance,
     motion_fields,
     motion_lines,
+    noise_hint,
 )
 from zmp_sqp.commands.check_plan import add_opinion, plan_hint
 from zmp_sqp.commands.check_question import Question, question_of
@@ -205,6 +206,13 @@ def _add_motion_options(command: argparse.ArgumentParser) -> None:
         choices=RULES,
         help="motion between samples (default: see above; files of zmp-sqp are read exactly)",
     )
+    command.add_argument(
+        "--noise",
+        type=float,
+        metavar="X",
+        help="[rad, or m for joints that slide] standard deviation of the noise of measured "
+        "positions: smoothing splines that pass them at that distance are the motion",
+    )
     command.add_argument("--degrees", action="store_true", help="angles in the file are in degrees")
     command.add_argument(
         "--limit-tolerance",
@@ -236,6 +244,7 @@ def run_check(arguments: argparse.Namespace) -> int:
                 question.ground,
                 interpolation=arguments.interpolation,
                 degrees=arguments.degrees,
+                noise=arguments.noise,
             )
         except UnboundedAcceleration as fault:
             result, ask = _unbounded(question, str(fault), path), None
@@ -316,7 +325,7 @@ def _checked(
         "limits": limit_fields(peaks),
         "motion": motion_fields(read),
         "hints": hints_on(read.samples, trajectory, machine, degrees=arguments.degrees)
-        + jump_hint(read, peaks),
+        + (noise_hint(read, machine) or jump_hint(read, peaks)),
         "rests_on": basis_fields(basis),
         "versions": installed_versions(),
         "basis": basis,

@@ -9,7 +9,8 @@ import numpy as np
 
 from zmp_sqp.arrays import Array, distinct_texts
 from zmp_sqp.mechanics import Machine
-from zmp_sqp.motion.reading import EXACT, RecordedMotion
+from zmp_sqp.motion.interpolation import SMOOTHED
+from zmp_sqp.motion.reading import EXACT, ROUNDING_PER_NOISE, RecordedMotion
 from zmp_sqp.motion.samples import Samples
 from zmp_sqp.planning import Trajectory
 from zmp_sqp.planning.proof.limits_in_time import LimitPeak, joints_least_duration
@@ -23,6 +24,7 @@ __all__ = [
     "limit_faults",
     "motion_fields",
     "motion_lines",
+    "noise_hint",
 ]
 
 REST = 1e-6  # [rad/s or m/s] rates that count as rest
@@ -35,9 +37,12 @@ RULES = {
     "plays them",
     "quintic": "polynomials of degree five through positions, velocities and accelerations, as a "
     "ROS joint_trajectory_controller plays them",
+    SMOOTHED: "smoothing splines of the positions",
 }
 UNITS = {"position": "", "velocity": "/s", "acceleration": "/s^2"}
 SLOW = 100.0  # times the least duration, from which on times may be milliseconds
+AMPLIFIED = 4.0  # acceleration of a spline per noise of its samples / interval^2, about
+NOISY = 0.5  # of an acceleration limit, from which on such accelerations are worth a word
 LEAST_OFF = 1e-12  # in the unit of the quantity; smaller differences from samples are rounding
 LEAST_SAID = 1e-6  # [rad/s^2 or the like] smaller allowances are not mentioned
 MOST_FAULTS = 3  # limits that are named; the others are counted
@@ -86,6 +91,9 @@ def motion_lines(read: RecordedMotion, machine: Machine, allowance: Array | None
             for quantity, off in departure.at_samples.items()
             if off.max() > LEAST_OFF
         ]
+        if read.rule == SMOOTHED:
+            distance = samples.error_of("position") / ROUNDING_PER_NOISE
+            lines.append(f"{distance:.2g} rad or m from them in the mean: noise of the measurement")
         between = _largest(departure.between, machine, "")
         lines.append(f"between samples at most {between} from the straight line")
     if samples.ignored:
@@ -206,6 +214,32 @@ def jump_hint(read: RecordedMotion, peaks: Sequence[LimitPeak]) -> list[str]:
         "from sample to sample velocities change no faster than the limits allow; the "
         f"{read.rule} exceeds them where an acceleration jumps between two samples: add samples at "
         f"the jumps, or allow it by --limit-tolerance {np.ceil(100.0 * share) / 100.0:.2f}"
+    ]
+
+
+def noise_hint(read: RecordedMotion, machine: Machine) -> list[str]:
+    """Says that positions look noisy, where accelerations of the motion are mostly of noise.
+
+    The noise is estimated from third differences, which leave little of a smooth motion.
+    """
+    q, times = read.samples.values["position"], read.samples.times
+    if read.rule in (EXACT, SMOOTHED) or "acceleration" in read.samples.values or len(q) < 12:
+        return []
+    with np.errstate(all="ignore"):
+        h = float(np.median(np.diff(times)))
+        # a normal distribution: the median of |x| is 0.67 sigma; third differences have 20 sigma^2
+        noise = np.median(np.abs(np.diff(q, n=3, axis=0)), axis=0) / 0.6745 / np.sqrt(20.0)
+        feigned = AMPLIFIED * noise / h**2
+    limits = machine.limits.acceleration
+    loud = np.flatnonzero(feigned > NOISY * np.where(np.isfinite(limits), limits, np.inf))
+    if not len(loud):
+        return []
+    joint = int(loud[np.argmax((feigned / limits)[loud])])
+    name, unit = machine.joint_names[joint], machine.joint_units[joint]
+    return [
+        f"positions of joint {name!r} look noisy: about {noise[joint]:.1g} {unit} between samples "
+        f"{h:.3g} s apart make accelerations of {feigned[joint]:.2g} {unit}/s^2. If that is the "
+        f"noise of the measurement, --noise {noise[joint]:.1g} checks a smooth motion through it"
     ]
 
 

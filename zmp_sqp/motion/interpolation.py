@@ -12,19 +12,34 @@ With the samples (q_0, v_0, a_0) and (q_1, v_1, a_1) at the ends of an interval 
 - accelerations too: the polynomial of degree five with these six values ("quintic").
 
 A "spline" is the rule here for positions alone: cubics with continuous accelerations (de Boor 1978,
-A Practical Guide to Splines, chapter IV), with given rates at both ends.
+A Practical Guide to Splines, chapter IV), with given rates at both ends. Positions with noise are
+"smoothed": cubics with continuous accelerations that pass the samples at the distance of the noise
+(Dierckx 1993, Curve and Surface Fitting with Splines).
 """
 
 from __future__ import annotations
+
+import warnings
 
 import numpy as np
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.motion.trajectory import Trajectory
 
-__all__ = ["RULES", "cubic_motion", "linear_motion", "quintic_motion", "rate_jumps", "spline_rates"]
+__all__ = [
+    "RULES",
+    "SMOOTHED",
+    "cubic_motion",
+    "linear_motion",
+    "quintic_motion",
+    "rate_jumps",
+    "smoothed_motion",
+    "spline_rates",
+]
 
 RULES = ("linear", "spline", "cubic", "quintic")
+SMOOTHED = "smoothed"
+ABOVE_NOISE = 1.2  # mean distance from the samples, per noise, that is too much
 
 
 def linear_motion(names: tuple[str, ...], times: Array, q: Array) -> Trajectory | None:
@@ -67,6 +82,35 @@ def cubic_motion(names: tuple[str, ...], times: Array, q: Array, v: Array) -> Tr
     a = 2.0 * (3.0 * mean - 2.0 * v[:-1] - v[1:]) / h
     j = 6.0 * (v[:-1] + v[1:] - 2.0 * mean) / h**2
     return Trajectory(names, times, q, v, a, j)
+
+
+def smoothed_motion(
+    names: tuple[str, ...], times: Array, q: Array, noise: Array
+) -> Trajectory | None:
+    """Motion of smoothing cubic splines, or None where they do not come near enough to the samples.
+
+    Each spline has as few knots as leave it at a mean square distance from the samples of the
+    square of the noise. Its knots are samples, so that it is a cubic between any two of them.
+
+    Args:
+        names: Names of the n joints.
+        times: Shape (K,), from 0 on [s]; K is at least 4.
+        q: Positions, shape (K, n) [rad or m].
+        noise: Standard deviation of the noise of each joint's positions, shape (n,) [rad or m].
+    """
+    from scipy.interpolate import UnivariateSpline
+
+    found, rates = np.empty_like(q), np.empty_like(q)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # what does not come near enough is found below
+        for j, sigma in enumerate(noise):
+            weights = np.full(len(times), 1.0 / sigma)
+            spline = UnivariateSpline(times, q[:, j], w=weights, s=len(times), k=3)
+            found[:, j], rates[:, j] = spline(times), spline(times, nu=1)
+    distance = np.sqrt(((found - q) ** 2).mean(axis=0))
+    if not (distance <= ABOVE_NOISE * noise).all():
+        return None
+    return cubic_motion(names, times, found, rates)
 
 
 def quintic_motion(
