@@ -20,7 +20,8 @@ LIMITS = ("max_speed", "max_acceleration", "max_yaw_rate", "max_yaw_acceleration
 LIMIT_TOLERANCE = 1e-9
 # [m] distance behind the start up to which a goal counts as beside it, and is driven to forwards
 LEAST_DISTANCE = 1e-12
-MANY_TURNS = 4.0 * FULL_TURN  # [rad] turns of the base beyond it may be meant in degrees
+# turns of the base that may be meant in degrees: from four full turns in radians to three in degrees
+MANY_TURNS, MOST_DEGREES = 4.0 * FULL_TURN, 1080.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,7 +82,7 @@ class UnicycleBase:
         for axis, name in enumerate(("x_bounds", "y_bounds")):
             self._check_bounds(axis, name)
         turned = float(abs(self.goal[2] - self.start[2]))
-        if turned > MANY_TURNS:
+        if MANY_TURNS < turned < MOST_DEGREES:
             yaw = float(max(self.start[2], self.goal[2], key=abs))
             warnings.warn(
                 f"the base turns by {turned:.6g} rad, {turned / FULL_TURN:.3g} full turns; if "
