@@ -20,7 +20,7 @@ LIMITS = ("max_speed", "max_acceleration", "max_yaw_rate", "max_yaw_acceleration
 LIMIT_TOLERANCE = 1e-9
 # [m] distance behind the start up to which a goal counts as beside it, and is driven to forwards
 LEAST_DISTANCE = 1e-12
-# turns of the base that may be meant in degrees: from four full turns in radians to three in degrees
+# turns that may be meant in degrees: from four full turns in radians to three in degrees
 MANY_TURNS, MOST_DEGREES = 4.0 * FULL_TURN, 1080.0
 
 
