@@ -540,3 +540,24 @@ def test_without_rosbags_a_bag_says_what_to_install(
         zs.export_motion(BLIND, tmp_path / "b.mcap")
     with pytest.raises(zs.MissingExtra, match=r"pip install zmp-sqp\[ros\]"):
         zs.read_motion(tmp_path / "a.mcap", MACHINE)
+
+
+def test_tables_of_spreadsheets_may_have_decimal_commas(tmp_path: Path) -> None:
+    machine = zs.load_machine("feller_buncher")
+    joints = machine.joint_names
+    rows = [
+        [0.0, 0.0, -0.8, -2.0, 0.7, 0.25],
+        [0.5, 0.125, -0.8, -2.0, 0.7, 0.25],
+        [1.0, 0.25, -0.8, -2.0, 0.7, 0.25],
+    ]
+    lines = [";".join(["time", *joints])]
+    lines += [";".join(f"{value:.4f}".replace(".", ",") for value in row) for row in rows]
+    path = tmp_path / "log.csv"
+    path.write_text("\n".join(lines), encoding="utf-8")
+    read = zs.read_motion(path, machine)
+    np.testing.assert_array_equal(read.samples.times, [0.0, 0.5, 1.0])
+    np.testing.assert_array_equal(read.samples.values["position"], np.array(rows)[:, 1:])
+    # a point anywhere: a comma may then part thousands, which is no number here
+    path.write_text("\n".join(lines).replace("0,2500", "0.2500"), encoding="utf-8")
+    with pytest.raises(zs.TrajectoryError, match="'0,0000' is not a number"):
+        zs.read_motion(path, machine)

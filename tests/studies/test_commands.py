@@ -333,6 +333,7 @@ def test_keys_name_numbers_of_a_file(key, value, where):
         (["--x", "ground.roll", "0", "1"], "unknown key (did you mean roll_deg?)"),
         (["--x", "machine.payload.mas", "0", "1"], "unknown key (did you mean mass?)"),
         (["--x", "machine.name", "0", "1"], "must be"),
+        (["--x", "motion.goal[slew]", "0", "1"], "the scenario has no list goal, but goal_deg;"),
     ],
 )
 def test_wrong_axes_are_refused_in_a_sentence(options, complaint, capsys):

@@ -40,7 +40,8 @@ def read_csv_samples(path: Path, joint_names: Sequence[str]) -> Samples:
     The first row names the columns: `time` (or t, timestamp, ...), and `JOINT.position`,
     `JOINT.velocity`, `JOINT.acceleration` (or JOINT alone, JOINT_pos, vel_JOINT, ...), in any
     order, in SI units unless a unit follows the name: `slew.position [deg]`, `time [ms]`. Other
-    columns are ignored. Entries are separated by commas, semicolons or tabs.
+    columns are ignored. Entries are separated by commas, semicolons or tabs. Where they are not
+    separated by commas, and no entry has a point, numbers may have a decimal comma.
 
     Raises:
         TrajectoryError: The file cannot be read or is no such table; the message names file, row
@@ -59,6 +60,8 @@ def read_csv_samples(path: Path, joint_names: Sequence[str]) -> Samples:
         raise TrajectoryError(f"cannot read {path}: {cause}") from None
     header = [name.strip() for name in rows[0][1]] if rows else []
     columns = read_header(str(path), header, joint_names)
+    has_point = any("." in entry for _, row in rows[1:] for entry in row)
+    comma = "," if has_point or separator == "," else "."  # what a comma in a number becomes
     used = [columns.time, *(i for of in columns.joints.values() for i in of), *columns.base]
     table = np.zeros((len(rows) - 1, len(header)))
     for number, (line, row) in enumerate(rows[1:]):
@@ -69,7 +72,8 @@ def read_csv_samples(path: Path, joint_names: Sequence[str]) -> Samples:
             )
         for index in used:
             if index >= 0:
-                table[number, index] = _number(row[index], f"{path}: row {line}", header[index])
+                entry = row[index].replace(",", comma)
+                table[number, index] = _number(entry, f"{path}: row {line}", header[index])
     names = tuple(f"row {line}" for line, _ in rows[1:])
     return _samples(str(path), tuple(joint_names), names, table, columns)
 

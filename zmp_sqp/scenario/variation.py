@@ -8,6 +8,7 @@ from copy import deepcopy
 from typing import Any
 
 from zmp_sqp.errors import ScenarioError
+from zmp_sqp.scenario.scene import DEGREES
 from zmp_sqp.scenario.schema import SCHEMA, check_table
 
 __all__ = ["check_key", "varied"]
@@ -76,7 +77,9 @@ def _set_entry(
         found[entry] = value
         return
     if not isinstance(found, list):
-        raise ScenarioError(f"{key!r}: the scenario has no list {name}; {ADVICE}")
+        other = name.removesuffix(DEGREES) if name.endswith(DEGREES) else f"{name}{DEGREES}"
+        there = f", but {other}" if other in table else ""
+        raise ScenarioError(f"{key!r}: the scenario has no list {name}{there}; {ADVICE}")
     if entry not in joints and not entry.isdigit():
         raise ScenarioError(f"{key!r}: there is no joint {entry!r}; joints are {', '.join(joints)}")
     index = list(joints).index(entry) if entry in joints else int(entry)

@@ -55,8 +55,8 @@ class BodyDifferences:
 
         Args:
             model: The model.
-            parameters: Differences of Pinocchio's dynamic parameters of the body at each joint but
-                the first, shape (D, number of joints, 10).
+            parameters: Differences of the dynamic parameters of the bodies, in the order of
+                `dynamic_parameters`, shape (D, number of bodies, 10).
         """
         differ = np.flatnonzero(parameters.any(axis=(0, 2)))
         joints = tuple((differ + 1).tolist())

@@ -91,7 +91,7 @@ class CornerModels:
             return cls(tuple(models), basis, weights, np.zeros_like(gravity), parameters)
         change = parameters - parameters[0]
         chosen, shares = _basis(_scaled(change.reshape(len(models), -1)))
-        gravity = gravity - gravity[0]
+        tilts = gravity - gravity[0]
         differences = BodyDifferences.of(models[0], change[chosen])
         basis = (models[0],)
         first = np.ones((len(models), 1))
@@ -99,7 +99,7 @@ class CornerModels:
             basis = (models[0], *(_on_ground_of(models[b], models[0]) for b in chosen))
             first = first - shares.sum(axis=1, keepdims=True)
         weights = np.hstack([first, shares])
-        return cls(tuple(models), basis, weights, gravity, parameters, differences)
+        return cls(tuple(models), basis, weights, tilts, parameters, differences)
 
     def efforts(
         self, q: Array, w: Array, alpha: Array, S: float, positions: Array | None = None

@@ -57,12 +57,13 @@ def diagnose(
     time_budget: float | None = 10.0,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Diagnosis:
-    """Find the largest payload and the steepest slope for which there is a safe motion.
+    """Find how large a payload, and how steep a slope, has a safe motion.
 
     Looks for any safe motion, fast or slow, with less payload and then on gentler slopes: by
     bisection with a few shortest steps from the last motion found, then upwards with an SQP on a
-    coarse grid. What is reported is certified. Start, goal and all other arguments of the problem
-    are kept.
+    coarse grid. What is reported is certified, and may be up to a tenth below the largest payload
+    or the steepest slope, because only some shares of them are tried. Start, goal and all other
+    arguments of the problem are kept.
 
     That the given problem has no solution is not proven: the last motion of a search is only the
     least-violating one that was found. What is proven impossible, such as a goal that tips the
