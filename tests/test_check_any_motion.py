@@ -118,6 +118,18 @@ def test_smoothing_follows_a_motion_without_noise_as_closely_as_it_is_told(tmp_p
     assert np.abs(read.trajectory.velocities - v).max() < 5e-3
 
 
+@pytest.mark.parametrize("given", [4e-4, 1e-2, 0.5])
+def test_smoothing_that_takes_more_than_noise_is_refused(given: float, tmp_path: Path) -> None:
+    """A motion that tips the machine over must not be smoothed into one that does not."""
+    t, q, _, _ = trapezoid(100.0)
+    measured = q + 1e-4 * np.random.default_rng(1).normal(size=q.shape)
+    machine = zs.load_machine("feller_buncher")
+    for log in (measured, q):
+        write_csv_samples(tmp_path / "log.csv", JOINTS, t, [log], None)
+        with pytest.raises(zs.TrajectoryError, match=r"would smooth away what joint '\w+' does"):
+            zs.read_motion(tmp_path / "log.csv", machine, noise=given)
+
+
 @pytest.mark.parametrize(
     ("noise", "complaint"),
     [

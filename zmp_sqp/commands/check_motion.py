@@ -42,6 +42,7 @@ RULES = {
 UNITS = {"position": "", "velocity": "/s", "acceleration": "/s^2"}
 SLOW = 100.0  # times the least duration, from which on times may be milliseconds
 AMPLIFIED = 4.0  # acceleration of a spline per noise of its samples / interval^2, about
+FEWEST_TO_TELL = 12  # samples
 NOISY = 0.5  # of an acceleration limit, from which on such accelerations are worth a word
 LEAST_OFF = 1e-12  # in the unit of the quantity; smaller differences from samples are rounding
 LEAST_SAID = 1e-6  # [rad/s^2 or the like] smaller allowances are not mentioned
@@ -220,15 +221,13 @@ def jump_hint(read: RecordedMotion, peaks: Sequence[LimitPeak]) -> list[str]:
 def noise_hint(read: RecordedMotion, machine: Machine) -> list[str]:
     """Says that positions look noisy, where accelerations of the motion are mostly of noise.
 
-    The noise is estimated from third differences, which leave little of a smooth motion.
+    See `Samples.apparent_noise` on the estimate.
     """
-    q, times = read.samples.values["position"], read.samples.times
-    if read.rule in (EXACT, SMOOTHED) or "acceleration" in read.samples.values or len(q) < 12:
+    samples, known = read.samples, read.rule in (EXACT, SMOOTHED)
+    if known or "acceleration" in samples.values or len(samples.times) < FEWEST_TO_TELL:
         return []
     with np.errstate(all="ignore"):
-        h = float(np.median(np.diff(times)))
-        # a normal distribution: the median of |x| is 0.67 sigma; third differences have 20 sigma^2
-        noise = np.median(np.abs(np.diff(q, n=3, axis=0)), axis=0) / 0.6745 / np.sqrt(20.0)
+        h, noise = float(np.median(np.diff(samples.times))), samples.apparent_noise()
         feigned = AMPLIFIED * noise / h**2
     limits = machine.limits.acceleration
     loud = np.flatnonzero(feigned > NOISY * np.where(np.isfinite(limits), limits, np.inf))

@@ -51,6 +51,9 @@ NEEDED = {
 }
 DEGREE = np.pi / 180.0
 FEWEST_TO_SMOOTH = 8  # samples
+# mean distance from the samples that smoothing may have: multiple of the noise that they show, and
+# [rad or m]
+MOST_TAKEN, LEAST_TAKEN = 2.0, 1e-5
 ROUNDING_PER_NOISE = 3.0  # error of a smoothed position that counts, per noise
 
 
@@ -139,8 +142,9 @@ def read_motion(
         noise: Standard deviation of the noise of measured positions [rad or m], one number or one
             per joint: the motion is then that of smoothing splines ("smoothed"), which pass the
             samples at that distance in the mean, and velocities and accelerations of the file are
-            not used. Accelerations of splines through noisy samples are of noise above all: 0.1
-            mrad at 100 Hz make 30 rad/s^2. None if positions are exact.
+            not used. More than twice the noise that neighbouring samples show is refused, because
+            it would smooth away what the joints do. None takes positions as exact: accelerations of
+            splines through noisy samples are mostly noise, 30 rad/s^2 for 0.1 mrad at 100 Hz.
 
     Raises:
         ProblemError: The base leaves the map.
@@ -198,10 +202,29 @@ def _smoothed(
             f"{samples.source}: no smoothing spline passes the samples at {sigma.max():g} rad or "
             "m; is the noise larger, or are samples too far apart?"
         )
+    _check_smoothing(samples, motion, sigma, machine)
     largest, h = float(sigma.max()), float(np.diff(samples.times).mean())
     rounding = {"position": ROUNDING_PER_NOISE * largest, "velocity": 2.0 * largest / h}
     known = replace(samples, values={"position": samples.values["position"]}, rounding=rounding)
     return RecordedMotion(motion, SMOOTHED, known, Departure.of(known, motion))
+
+
+def _check_smoothing(samples: Samples, motion: Trajectory, noise: Array, machine: Machine) -> None:
+    """Refuse noise with which smoothing takes more from the samples than noise.
+
+    Raises:
+        TrajectoryError: Of a joint's samples more is taken than neighbouring ones show as noise.
+    """
+    shown = MOST_TAKEN * samples.apparent_noise() + LEAST_TAKEN
+    taken = np.sqrt(((motion.positions - samples.values["position"]) ** 2).mean(axis=0))
+    joint = int(np.argmax(taken / shown))
+    if taken[joint] > shown[joint]:
+        name, unit = samples.joint_names[joint], machine.joint_units[joint]
+        raise TrajectoryError(
+            f"{samples.source}: a noise of {noise[joint]:g} {unit} would smooth away what joint "
+            f"{name!r} does: neighbouring samples show about "
+            f"{samples.apparent_noise()[joint]:.2g} {unit} of noise"
+        )
 
 
 def _read(path: Path, joint_names: tuple[str, ...]) -> tuple[Samples, str | None]:

@@ -13,6 +13,8 @@ __all__ = ["QUANTITIES", "Samples"]
 
 # derivatives of a joint coordinate, by their order
 QUANTITIES = ("position", "velocity", "acceleration", "jerk", "snap", "crackle")
+# share of third differences that count, and their mean square per variance of normal ones
+KEPT_SHARE, KEPT_VARIANCE = 0.9, 0.623
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,6 +83,17 @@ class Samples:
     def given(self) -> tuple[str, ...]:
         """Quantities that the file gives, by their order."""
         return tuple(quantity for quantity in QUANTITIES if quantity in self.values)
+
+    def apparent_noise(self) -> Array:
+        """Standard deviation of the noise that neighbouring positions show, (n,) [rad or m].
+
+        It is estimated from third differences, which leave little of a smooth motion and have 20
+        times the variance of independent noise. The tenth that are largest, as where accelerations
+        jump, are left out.
+        """
+        third = np.sort(np.abs(np.diff(self.values["position"], n=3, axis=0)), axis=0)
+        kept = third[: max(1, int(KEPT_SHARE * len(third)))]
+        return np.asarray(np.sqrt((kept**2).mean(axis=0) / (20.0 * KEPT_VARIANCE)))
 
     def error_of(self, quantity: str) -> float:
         """Largest rounding error of a quantity or of "time" in the file."""
