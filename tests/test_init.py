@@ -13,6 +13,7 @@ import yaml
 
 import zmp_sqp as zs
 import zmp_sqp.cli as cli
+from tests.mechanics.test_contacts import on_wheels
 from tests.problems import stack_of_slides
 from tests.test_inspect import BARE
 from zmp_sqp.scenario import load_scenario
@@ -216,3 +217,19 @@ def test_many_joints_get_few_intervals(joints: int, few: bool, tmp_path: Path) -
     cli.main(["init", str(path), "--out", str(out)])
     scenario = tomllib.loads((out / f"{path.stem}.toml").read_text())
     assert scenario["plan"].get("intervals") == (24 if few else None)
+
+
+def test_wheels_on_which_the_machine_stands_are_held_unless_asked_for(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "rolling.urdf"
+    path.write_text(on_wheels('<cylinder radius="0.3" length="0.2"/>'), encoding="utf-8")
+    assert cli.main(["init", str(path), "--out", str(tmp_path)]) == 0
+    out = capsys.readouterr().out
+    assert "held, because the machine stands on them: axle0, axle1, axle2, axle3" in out
+    tables = tomllib.loads((tmp_path / "rolling.toml").read_text(encoding="utf-8"))
+    assert tables["machine"]["hold"] == {f"axle{i}": 0.0 for i in range(4)}
+    assert "'turn'" in tables["title"] or "turn swings" in tables["title"]
+    asked = ["init", str(path), "--out", str(tmp_path), "--force", "--joints", "turn"]
+    assert cli.main(asked) == 0
+    assert "held" not in capsys.readouterr().out

@@ -223,9 +223,13 @@ def test_a_machine_stands_on_wheels_that_are_planned_and_not_on_its_belly(
         '<link name="base">', f'<link name="base"><collision>{BELLY}</collision>'
     )
     path = write(tmp_path, text)
-    with pytest.warns(zs.MachineWarning, match="stands on link 'w0'.*hold these joints"):
+    with pytest.warns(
+        zs.MachineWarning,
+        match=r"stands on wheels that planned joints turn: hold axle0, axle1, axle2, and 1 more",
+    ):
         rolling = zs.load_machine(path)
     held = zs.load_machine(path, joints=["turn"])
+    assert (rolling.wheels, held.wheels) == (("axle0", "axle1", "axle2", "axle3"), ())
     assert rolling.size == held.size + 4
     assert corners(rolling) == corners(held)
     np.testing.assert_allclose(np.abs(corners(rolling)), [[0.6, 0.5]] * 4, atol=1e-6)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -87,7 +88,7 @@ def add_init(commands: Any) -> None:
 def run_init(arguments: argparse.Namespace) -> int:
     """Choose a motion, write and check both files, say what is missing; returns the exit code."""
     with live_line("reading the machine"):
-        machine = machine_of(arguments)
+        machine, wheels = _without_wheels(arguments)
     ground = slope_of(arguments)
     stem = Path(arguments.urdf).stem
     scenario, limits = arguments.out / f"{stem}.toml", arguments.out / LIMITS_FILE
@@ -113,8 +114,23 @@ def run_init(arguments: argparse.Namespace) -> int:
     scenario.write_text(text, encoding="utf-8")
     console = make_console(None)
     print_lines(console, [f"wrote {scenario}", f"wrote {limits}"])
+    if wheels:
+        print_lines(console, [f"held, because the machine stands on them: {', '.join(wheels)}"])
     print_lines(console, _advice(machine, starter, scenario, limits))
     return UNSAFE if starter.margin <= 0.0 else DONE
+
+
+def _without_wheels(arguments: argparse.Namespace) -> tuple[Machine, tuple[str, ...]]:
+    """The machine, and joints of wheels that are held unless the user chose what is planned."""
+    chosen = arguments.joints or arguments.group or arguments.hold
+    with warnings.catch_warnings(record=not chosen):
+        machine = machine_of(arguments)
+    if chosen:
+        return machine, ()
+    wheels = machine.wheels
+    if wheels:
+        arguments.hold = [(joint, 0.0) for joint in wheels]
+    return machine_of(arguments), wheels
 
 
 def _refuse_to_replace(files: Sequence[Path], *, force: bool) -> None:

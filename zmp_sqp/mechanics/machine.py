@@ -47,6 +47,7 @@ class Machine:
         held: Coordinates of the joints of the URDF that are held, by name [rad or m].
         poses: Joint coordinates by joint, by name of the pose: the group states of the SRDF.
         support_hint: How to give a support polygon where there is none; empty if it is not known.
+        wheels: Planned joints that turn wheels on which the machine stands: better held.
     """
 
     name: str
@@ -58,6 +59,7 @@ class Machine:
     held: Mapping[str, float] = field(default_factory=dict, repr=False)
     poses: Mapping[str, Mapping[str, float]] = field(default_factory=dict, repr=False)
     support_hint: str = field(default="", repr=False)
+    wheels: tuple[str, ...] = field(default=(), repr=False)
 
     def __str__(self) -> str:
         """Name, mass, support polygon, planned joints with units and limits, and held joints."""

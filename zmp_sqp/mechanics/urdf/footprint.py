@@ -46,11 +46,13 @@ class Footprint:
         polygon: The polygon, or None if the URDF gives none.
         said: Sentence for a warning; empty if there is nothing to warn of.
         hint: How to give a polygon, where there is none.
+        wheels: Planned joints that turn wheels on which the machine stands.
     """
 
     polygon: SupportPolygon | None
     said: str = ""
     hint: str = ""
+    wheels: tuple[str, ...] = ()
 
 
 def footprint(description: UrdfDescription, model: Any, meshes: MeshFolders) -> Footprint:
@@ -78,7 +80,8 @@ def footprint(description: UrdfDescription, model: Any, meshes: MeshFolders) -> 
         why = "no link that stands still has a collision shape"
         if contacts or wheels:
             try:
-                return _with_word_on_wheels(_polygon([*contacts, *wheels]), contacts, wheels)
+                joints = {link: _moved_by(description, model, link) for link, _ in wheels}
+                return _with_wheels(_polygon([*contacts, *wheels]), contacts, wheels, joints)
             except MachineError as fault:
                 why = str(fault)
     return Footprint(None, hint=why + _suggestion(description, model, still, meshes))
@@ -151,17 +154,20 @@ def _wheels(description: UrdfDescription, model: Any, meshes: MeshFolders) -> It
                 yield link, lowest_points(shape, placement, axle, meshes)
 
 
-def _with_word_on_wheels(
-    found: Footprint, contacts: Sequence[Contact], wheels: Sequence[Contact]
+def _with_wheels(
+    found: Footprint,
+    contacts: Sequence[Contact],
+    wheels: Sequence[Contact],
+    joints: Mapping[str, str],
 ) -> Footprint:
     """Footprint with a warning where the machine stands on wheels that planned joints turn."""
     ground, tolerance = _ground([*contacts, *wheels])
-    standing = [link for link, points in wheels if points[:, 2].min() <= ground + tolerance]
+    standing = [joints[link] for link, points in wheels if points[:, 2].min() <= ground + tolerance]
     if not standing:
         return found
-    words = f"the machine stands on {first([f'link {link!r}' for link in standing])}"
-    said = f"{words}, which planned joints turn: hold these joints"
-    return replace(found, said="; ".join(filter(None, (found.said, said))))
+    turning = tuple(dict.fromkeys(standing))
+    words = f"the machine stands on wheels that planned joints turn: hold {first(turning)}"
+    return replace(found, said="; ".join(filter(None, (found.said, words))), wheels=turning)
 
 
 def _contacts(

@@ -123,6 +123,7 @@ def _load(
         held=chosen.held,
         poses={} if poses is None else poses.poses,
         support_hint=stand.hint,
+        wheels=stand.wheels,
     )
     doubts = (
         stand.said,
