@@ -14,7 +14,12 @@ import numpy as np
 
 from zmp_sqp.errors import MachineError
 from zmp_sqp.mechanics import Heightmap, Machine, Slope, shipped_machines
-from zmp_sqp.scenario.scene import build_ground, build_machine, build_uncertainties
+from zmp_sqp.scenario.scene import (
+    build_ground,
+    build_machine,
+    build_slope,
+    build_uncertainties,
+)
 from zmp_sqp.scenario.schema import HEIGHTMAP, PAYLOAD, did_you_mean
 
 __all__ = [
@@ -270,9 +275,7 @@ def slope_of(arguments: argparse.Namespace) -> Slope:
     Raises:
         MachineError: An angle is out of range.
     """
-    found = build_ground({"roll_deg": arguments.roll, "pitch_deg": arguments.pitch}, HERE)
-    assert isinstance(found, Slope)
-    return found
+    return build_slope({"roll_deg": arguments.roll, "pitch_deg": arguments.pitch})
 
 
 def ground_of(arguments: argparse.Namespace) -> Slope | Heightmap:

@@ -23,7 +23,7 @@ from zmp_sqp.scenario.schema import PLAN
 if TYPE_CHECKING:
     from zmp_sqp.mechanics.terrain.heightmap import Heightmap
 
-__all__ = ["DEGREES", "build_ground", "build_machine", "build_uncertainties"]
+__all__ = ["DEGREES", "build_ground", "build_machine", "build_slope", "build_uncertainties"]
 
 DEGREES = "_deg"  # ending of keys whose values are degrees
 RIGHT_ANGLE = 90.0  # [deg]
@@ -72,17 +72,29 @@ def build_ground(table: Mapping[str, Any], folder: Path) -> Slope | Heightmap:
         MachineError: An angle is out of range, or the heightmap cannot be used.
     """
     if "heightmap" not in table:
-        angles = {key.removesuffix(DEGREES): angle for key, angle in table.items()}
-        for name, angle in angles.items():
-            if not -RIGHT_ANGLE < angle < RIGHT_ANGLE:
-                raise MachineError(
-                    f"slope {name} must lie within +-{RIGHT_ANGLE:g} degrees, not {angle:g} degrees"
-                )
-        return Slope(**{name: np.deg2rad(angle) for name, angle in angles.items()})
+        return build_slope(table)
     options = dict(table["heightmap"])
     from zmp_sqp.mechanics.terrain.heightmap import Heightmap  # only needed here
 
     return Heightmap.from_file(folder / options.pop("file"), **options)
+
+
+def build_slope(table: Mapping[str, Any]) -> Slope:
+    """Slope of the given roll_deg and pitch_deg.
+
+    Args:
+        table: The table [ground] without a heightmap; empty for level ground.
+
+    Raises:
+        MachineError: An angle is out of range.
+    """
+    angles = {key.removesuffix(DEGREES): angle for key, angle in table.items()}
+    for name, angle in angles.items():
+        if not -RIGHT_ANGLE < angle < RIGHT_ANGLE:
+            raise MachineError(
+                f"slope {name} must lie within +-{RIGHT_ANGLE:g} degrees, not {angle:g} degrees"
+            )
+    return Slope(**{name: np.deg2rad(angle) for name, angle in angles.items()})
 
 
 def build_uncertainties(

@@ -203,8 +203,8 @@ class CornerModels:
 
     def _mass_moments(self, poses: BodyPoses | None) -> Array:
         """Mass times centre of mass of each corner's machine, root frame, (V, K, 3) [kg m]."""
-        assert poses is not None
-        assert self.differences is not None
+        if poses is None or self.differences is None:
+            raise RuntimeError("CornerModels: gravity differs between corners without differences")
         changes = self.differences.first_moments(poses)
         return poses.first_moment + _combined(self.weights[:, 1:], changes)
 
