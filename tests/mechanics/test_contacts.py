@@ -235,6 +235,40 @@ def test_a_machine_stands_on_wheels_that_are_planned_and_not_on_its_belly(
     np.testing.assert_allclose(np.abs(corners(rolling)), [[0.6, 0.5]] * 4, atol=1e-6)
 
 
+def on_steered_wheels(geometry: str) -> str:
+    """The toy machine on four wheels, each with a vertical steering joint above its axle."""
+    text = on_wheels(geometry)
+    for i in range(4):
+        start = text.index(f'<joint name="axle{i}"')
+        axle = text[start : text.index("</joint>", start)]
+        place = re.search(r'xyz="([^"]*)"', axle)
+        assert place is not None
+        steering = (
+            f'<link name="k{i}"/><joint name="steer{i}" type="revolute"><parent link="base"/>'
+            f'<child link="k{i}"/><origin xyz="{place[1]}"/><axis xyz="0 0 1"/>'
+            '<limit lower="-0.5" upper="0.5" velocity="1" effort="1"/></joint>'
+        )
+        turned = axle.replace('link="base"', f'link="k{i}"').replace(place[1], "0 0 0", 1)
+        text = text.replace(axle, turned).replace("</robot>", f"{steering}</robot>")
+    return text
+
+
+@pytest.mark.filterwarnings("ignore::zmp_sqp.MachineWarning")
+def test_a_machine_on_steered_wheels_does_not_stand_on_its_belly(tmp_path: Path) -> None:
+    text = on_steered_wheels('<cylinder radius="0.3" length="0.2"/>').replace(
+        '<link name="base">', f'<link name="base"><collision>{BELLY}</collision>'
+    )
+    path = write(tmp_path, text)
+    planned = zs.load_machine(path)
+    assert planned.support is None
+    assert "link 'w0', a wheel that planned joints steer, reaches 0.300 m below all links that" in (
+        planned.support_hint
+    )
+    assert "SupportPolygon" not in planned.support_hint  # on the belly
+    held = zs.load_machine(path, joints=["turn"])
+    np.testing.assert_allclose(np.abs(corners(held)), [[0.6, 0.5]] * 4, atol=1e-6)
+
+
 def test_what_is_no_wheel_carries_nothing_while_it_is_planned(tmp_path: Path) -> None:
     for geometry, kind in (('<box size="0.6 0.3 0.2"/>', "continuous"), ("", "revolute")):
         text = on_wheels(geometry or '<cylinder radius="0.3" length="0.2"/>', kind)

@@ -13,7 +13,15 @@ from zmp_sqp.mechanics.urdf.description import UrdfDescription
 from zmp_sqp.mechanics.urdf.elements import Joint, Shape
 from zmp_sqp.mechanics.urdf.meshes import MeshFolders
 
-__all__ = ["LEVEL", "Axle", "axle_of", "link_placement", "lowest_points", "wheel_placement"]
+__all__ = [
+    "LEVEL",
+    "Axle",
+    "axle_of",
+    "link_placement",
+    "lowest_points",
+    "steered_placement",
+    "wheel_placement",
+]
 
 LEVEL = 0.01  # [m] height above a shape's lowest point up to which it touches the ground, too
 # [m] the same for meshes: a ball of 30 mm radius touches within 11 mm of its lowest point
@@ -71,6 +79,39 @@ def wheel_placement(model: Any, link: str, angle: float = 0.0) -> Any:
     at = model.joints[joint].idx_q
     q[at], q[at + 1] = np.cos(angle), np.sin(angle)
     pin.forwardKinematics(model, data, q)
+    return data.oMi[joint] * frame.placement
+
+
+def steered_placement(description: UrdfDescription, model: Any, link: str) -> Any:
+    """Placement of a link that turns like a wheel on planned joints that steer it, a `pin.SE3`.
+
+    Its joint has no limits, carries no other joint and has a horizontal axis; all joints between it
+    and the root have vertical ones.
+
+    Args:
+        description: Content of the URDF.
+        model: Pinocchio model of the URDF, in which held joints are fixed.
+        link: Name of the link.
+
+    Returns:
+        Placement in the root frame where all joints are at zero; None for any other link.
+    """
+    frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
+    joint = frame.parentJoint
+    if joint <= 1 or model.joints[joint].nq != 2 or len(model.subtrees[joint]) > 1:
+        return None
+    data, axes = model.createData(), {one.name: one.axis for one in description.joints}
+    pin.forwardKinematics(model, data, pin.neutral(model))
+
+    def upright(one: int) -> float:  # sine of the angle between the axis and the ground plane
+        axis = data.oMi[one].rotation @ axes[model.names[one]]
+        return float(abs(axis[2]) / np.linalg.norm(axis))
+
+    steering = list(model.supports[joint])[2:-1]
+    vertical = np.sqrt(1.0 - HORIZONTAL**2)
+    rolls = bool(steering) and upright(joint) <= HORIZONTAL
+    if not (rolls and min(map(upright, steering)) >= vertical):
+        return None
     return data.oMi[joint] * frame.placement
 
 

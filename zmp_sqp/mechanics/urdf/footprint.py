@@ -17,6 +17,7 @@ from zmp_sqp.mechanics.urdf.contact_points import (
     axle_of,
     link_placement,
     lowest_points,
+    steered_placement,
     wheel_placement,
 )
 from zmp_sqp.mechanics.urdf.description import UrdfDescription
@@ -80,11 +81,16 @@ def footprint(description: UrdfDescription, model: Any, meshes: MeshFolders) -> 
         why = "no link that stands still has a collision shape"
         if contacts or wheels:
             try:
+                _check_steered([*contacts, *wheels], description, model, meshes)
+            except MachineError as fault:
+                return Footprint(None, hint=str(fault))
+            try:
                 joints = {link: _moved_by(description, model, link) for link, _ in wheels}
                 return _with_wheels(_polygon([*contacts, *wheels]), contacts, wheels, joints)
             except MachineError as fault:
                 why = str(fault)
-    return Footprint(None, hint=why + _suggestion(description, model, still, meshes))
+    rolling = [points for _, points in wheels]
+    return Footprint(None, hint=why + _suggestion(description, model, still, rolling, meshes))
 
 
 def footprint_of_links(
@@ -152,6 +158,27 @@ def _wheels(description: UrdfDescription, model: Any, meshes: MeshFolders) -> It
             radius = axle[0][2] - min(lowest) if axle is not None else 0.0
             if np.ptp(lowest) <= max(LEVEL, ROUND * radius):
                 yield link, lowest_points(shape, placement, axle, meshes)
+
+
+def _check_steered(
+    contacts: Sequence[Contact], description: UrdfDescription, model: Any, meshes: MeshFolders
+) -> None:
+    """Refuse contacts above the wheels that planned joints steer: the machine stands on these.
+
+    Raises:
+        MachineError: Such a wheel reaches below the contacts, or it cannot be read.
+    """
+    ground, tolerance = _ground(contacts)
+    for link, shapes in description.shapes.items():
+        placement = steered_placement(description, model, link) if shapes else None
+        if placement is None:
+            continue
+        low = min(lowest_points(one, placement, None, meshes)[:, 2].min() for one in shapes)
+        if low < ground - tolerance:
+            raise MachineError(
+                f"link {link!r}, a wheel that planned joints steer, reaches "
+                f"{length_text(ground - low)} below all links that stand still: hold its joints"
+            )
 
 
 def _with_wheels(
@@ -267,14 +294,27 @@ def _moved_by(description: UrdfDescription, model: Any, link: str) -> str:
 
 
 def _suggestion(
-    description: UrdfDescription, model: Any, still: Sequence[str], meshes: MeshFolders
+    description: UrdfDescription,
+    model: Any,
+    still: Sequence[str],
+    rolling: Sequence[Array],
+    meshes: MeshFolders,
 ) -> str:
-    """Bounding rectangle of the shapes near the ground, as code; empty if there are none."""
+    """Bounding rectangle of the shapes near the ground, as code; empty if there are none.
+
+    Args:
+        description: Content of the URDF.
+        model: Pinocchio model of the URDF, in which held joints are fixed.
+        still: Links that no planned joint moves.
+        rolling: Lowest points of wheels that planned joints turn, shape (P, 3) each [m].
+        meshes: Folders in which meshes may lie.
+    """
     found = [
         points
         for shapes in (description.shapes, description.visuals)
         for points in _readable(description, model, still, shapes, meshes)
     ]
+    found += rolling
     if not found:
         return ""
     points = np.concatenate(found)
