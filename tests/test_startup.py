@@ -193,6 +193,8 @@ def test_values_of_classes_that_load_late_are_unpickled_in_a_new_process():
 THREADS = """
 import json
 import pathlib
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from threadpoolctl import threadpool_info
 import numpy
 from zmp_sqp.blas import one_blas_thread, scipy_linalg
@@ -214,6 +216,26 @@ found["after"] = seen()
 with one_blas_thread():
     found["again"] = seen()
 found["at the end"] = seen()
+
+# threads that overlap: the first to enter is the first to leave
+first_left, second_in = threading.Event(), threading.Event()
+
+def first():
+    with one_blas_thread():
+        found["in a thread"] = seen()
+        second_in.wait(60.0)
+    first_left.set()
+
+def second():
+    with one_blas_thread():
+        second_in.set()
+        first_left.wait(60.0)
+        found["first thread left"] = seen()
+
+with ThreadPoolExecutor(2) as pool:
+    for one in [pool.submit(first), pool.submit(second)]:
+        one.result()
+found["after threads"] = seen()
 print(json.dumps(found))
 """
 
@@ -234,8 +256,9 @@ def test_a_blas_that_loads_within_the_limit_gets_it_too_and_loses_it_with_the_ot
     if 2 not in found["before"]:
         pytest.skip("BLAS has one thread on this computer")
     limited = ("inside", "loaded inside", "nested", "still inside", "again")
-    assert {count for key in limited for count in found[key]} == {1}
-    assert found["after"] == found["at the end"]
+    limited += ("in a thread", "first thread left")
+    assert {key: set(found[key]) for key in limited} == {key: {1} for key in limited}
+    assert found["after"] == found["at the end"] == found["after threads"]
     assert set(found["after"]) == {2}
     assert len(found["loaded inside"]) >= len(found["inside"])
 

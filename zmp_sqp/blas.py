@@ -24,7 +24,27 @@ def _controller() -> Any:
 
 def _limit() -> None:
     """Limit all libraries of BLAS that are loaded now."""
-    _limiters.append(_controller().limit(limits=1, user_api="blas"))
+    with _in_control():
+        _limiters.append(_controller().limit(limits=1, user_api="blas"))
+
+
+@contextmanager
+def _in_control() -> Iterator[None]:
+    """Context manager within which this thread may set the number of OpenBLAS's threads.
+
+    From version 3.8 on, threadpoolctl lets only one Python thread set it, the first one that does
+    so, and ignores all others without a word. The number counts for the whole process.
+    """
+    from threadpoolctl import OpenBLASController
+
+    clear = getattr(OpenBLASController, "clear_controlling_thread", None)
+    if clear is not None:
+        clear(force=True)
+    try:
+        yield
+    finally:
+        if clear is not None:
+            clear(force=True)
 
 
 @contextmanager
@@ -45,8 +65,10 @@ def one_blas_thread() -> Iterator[None]:
     finally:
         with _lock:
             _inside -= 1
-            while _limiters and not _inside:
-                _limiters.pop().restore_original_limits()
+            if _limiters and not _inside:
+                with _in_control():
+                    while _limiters:
+                        _limiters.pop().restore_original_limits()
 
 
 @lru_cache(maxsize=1)

@@ -15,6 +15,7 @@ from benchmarks.problems.arm import HARD, random_problem
 from benchmarks.problems.terrain import random_drive_problem
 from tests.checks import symmetric
 from zmp_sqp.planning.program.grid import ENDS, Grid
+from zmp_sqp.planning.program.solution import trajectory
 from zmp_sqp.planning.program.staged import POINTS
 from zmp_sqp.planning.search import explore as explore_module
 from zmp_sqp.planning.search.explore import explore, transferred
@@ -100,10 +101,15 @@ def test_intervals_of_a_motion_at_the_bound_are_parts_of_coarse_ones(
     found = at_the_bound(task, Runs.start("auto", None, None))
     assert found is not None
     assert found.is_feasible
-    steps = found.program.grid.steps
-    assert len(steps) == intervals
-    by_coarse = steps.reshape(-1, parts)
+    assert found.parts == parts
+    motion = trajectory(task.problem, found.program, found.motion, parts)
+    assert motion.intervals == intervals
+    by_coarse = np.diff(motion.times).reshape(-1, parts)
     np.testing.assert_allclose(by_coarse, by_coarse[:, :1] + 0.0 * by_coarse)
+    coarse = trajectory(task.problem, found.program, found.motion)
+    times = np.linspace(0.0, coarse.duration, 997)
+    for one, other in zip(motion(times), coarse(times), strict=True):  # the same motion
+        np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-12)
 
 
 def coarse_candidate(task: Task, intervals: int) -> Candidate:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -15,7 +16,7 @@ __all__ = ["Evaluation", "Jacobian", "Linearization", "NonlinearProgram"]
 Mask = npt.NDArray[np.bool_]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Evaluation:
     """Values of objective and constraints of a nonlinear program at one point.
 
@@ -34,7 +35,7 @@ class Evaluation:
     inequalities: Array
     memory: Any = None
 
-    @property
+    @cached_property
     def violation(self) -> float:
         """Largest violation of any constraint, absolute."""
         equality = float(np.abs(self.equalities).max(initial=0.0))

@@ -160,6 +160,20 @@ class Grid:
         inner = self.nodes[:-1, None] + self.steps[:, None] * (np.arange(parts) / parts)
         return Grid(np.append(inner.ravel(), self.nodes[-1]), uniform=False)
 
+    def split(self, controls: Array, parts: int) -> Array:
+        """Accelerations of this grid on the grid that is `divided`, shape (N parts, 2, n).
+
+        Args:
+            controls: Accelerations on this grid, shape (N, 2, n).
+            parts: Number of equal parts of each interval.
+        """
+        shares = np.arange(parts + 1)[:, None] / parts
+        start, end = controls[:, :1], controls[:, 1:]
+        values = start + (end - start) * shares  # (N, parts + 1, n)
+        return np.stack([values[:, :-1], values[:, 1:]], axis=2).reshape(
+            -1, ENDS, controls.shape[2]
+        )
+
     def parents(self, fine: Grid) -> Array:
         """Index of the interval of this grid that each interval of a finer grid lies in, (N_fine,).
 

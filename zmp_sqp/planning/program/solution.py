@@ -21,18 +21,26 @@ LEAST_TIME = 1e-9  # [s] stretch allowed at any duration: very short motions sho
 ARRIVED = 1e-9  # [m] largest distance of a driving base from its goal that is not corrected
 
 
-def trajectory(problem: Problem, program: StagedProgram, point: Motion) -> Trajectory:
+def trajectory(
+    problem: Problem, program: StagedProgram, point: Motion, parts: int = 1
+) -> Trajectory:
     """Trajectory in seconds that meets the goal, stretched slightly where rounding breaks a limit.
 
     The exact path of a driving base differs a little from the program's Runge-Kutta steps. The
     accelerations are therefore corrected until the exact path ends at the goal: the target of the
     Runge-Kutta path is moved by what the exact path misses the goal by.
+
+    Args:
+        problem: The problem.
+        program: Its program.
+        point: Point of the program.
+        parts: Number of equal intervals of the trajectory per interval of the program.
     """
     if program.drive is None or program.goal.free:
-        return _motion(problem, program, point, None)
+        return _motion(problem, program, point, None, parts)
     aim, previous = program.drive.goal, np.inf
     while True:
-        found = _motion(problem, program, point, aim)
+        found = _motion(problem, program, point, aim, parts)
         miss = np.zeros(2) if found.base is None else program.drive.goal - found.base.poses[-1, :2]
         distance = float(np.abs(miss).max())
         if distance <= ARRIVED or distance > 0.1 * previous:  # what is left is sideways
@@ -41,12 +49,13 @@ def trajectory(problem: Problem, program: StagedProgram, point: Motion) -> Traje
 
 
 def _motion(
-    problem: Problem, program: StagedProgram, point: Motion, aim: Array | None
+    problem: Problem, program: StagedProgram, point: Motion, aim: Array | None, parts: int
 ) -> Trajectory:
     """Trajectory of a point; the Runge-Kutta path of a driving base is made to end at `aim`."""
     coordinates, undercarriage = problem.coordinates, problem.undercarriage
     limits = problem.machine.limits.followed_by(undercarriage.limits)
-    size, grid = coordinates.size, program.grid
+    size, coarse = coordinates.size, program.grid
+    grid = coarse.divided(parts) if parts > 1 else coarse
 
     def motion(sigma: float) -> tuple[Array, Array, Array, float]:
         same = sigma == point.sigma
@@ -54,7 +63,10 @@ def _motion(
         y, rates, controls, S = program.unpack(reached)
         if aim is not None and program.drive is not None:
             near = reached.states[:, program.stages.places]
-            controls = program.drive.arrived(grid, y[0], rates[0], controls, aim, near)
+            controls = program.drive.arrived(coarse, y[0], rates[0], controls, aim, near)
+            y, rates = coarse.rolled(y[0], rates[0], controls)
+        if parts > 1:
+            controls = coarse.split(controls, parts)
             y, rates = grid.rolled(y[0], rates[0], controls)
         joints = coordinates.joints(y[:, :size]), coordinates.rates(rates[:, :size])
         accelerations = coordinates.rates(controls[:, :, :size])
@@ -74,7 +86,10 @@ def _motion(
     start, end = (controls[:, i] / duration**2 for i in (0, 1))
     jerks = (end - start) / (grid.steps[:, None] * duration)
     times, v, n = grid.nodes * duration, w / duration, problem.machine.size
-    near = None if program.drive is None else point.states[:, program.stages.places]
+    near = None
+    if program.drive is not None:
+        places = point.states[:, program.stages.places]
+        near = np.column_stack([np.interp(grid.nodes, coarse.nodes, part) for part in places.T])
     base = undercarriage.motion(times, q[:, -1], v[:, n:], start[:, n:], jerks[:, n:], near)
     return Trajectory(
         problem.machine.joint_names, times, q[:, :n], v[:, :n], start[:, :n], jerks[:, :n], base

@@ -14,7 +14,6 @@ from zmp_sqp.planning.search.run import Candidate, Runs, SearchRun
 from zmp_sqp.planning.search.task import Task
 from zmp_sqp.sqp.iterate import is_feasible
 from zmp_sqp.sqp.least_distance import EQUALITY, Nearest, nearest_feasible
-from zmp_sqp.sqp.nlp import Evaluation
 from zmp_sqp.sqp.result import IterationRecord, SQPResult, SQPStatus
 
 __all__ = ["ABOVE", "REFUSED", "SHORTEST_STEPS", "at_the_bound", "intervals_per_coarse_one"]
@@ -74,8 +73,8 @@ def _probe(
     """Feasible motion that is slower than the bound by a relative `stretch`, by a few short steps.
 
     The steps (`nearest_feasible`) are taken on a grid with nodes at the switching times of the
-    deciding coordinate. A coarse grid is enough for that; the motion found is then transferred to
-    all intervals.
+    deciding coordinate. A coarse grid is enough for that: the trajectory gets all intervals, by
+    division (`Candidate.parts`).
 
     Args:
         task: The planning task.
@@ -110,17 +109,10 @@ def _probe(
         refused = SearchRun(PURPOSE, coarse.size, found.backend, 1, REFUSED, T, program.reference)
         runs.runs.append(refused)
         return None
-    point, excess = found.point, found.excess
-    at: Evaluation | None = found.at
-    if parts > 1:
-        fine = coarse.divided(parts)
-        controls = coarse.on(fine, program.unpack(point)[2])
-        program = task.program(motion.duration, fine)
-        point = program.pack(controls, motion.duration**2)
-        at = excess = None
     y, z = np.zeros(program.equalities), np.zeros(program.inequalities)
-    result = SQPResult(point, y, z, excess, SQPStatus.BOUND_REACHED, at, (record,))
-    reached = Candidate(program, result)
+    excess = found.excess if parts == 1 else None  # that of shorter intervals is smaller
+    result = SQPResult(found.point, y, z, excess, SQPStatus.BOUND_REACHED, found.at, (record,))
+    reached = Candidate(program, result, parts=parts)
     runs.record(PURPOSE, reached)
     return reached
 

@@ -71,7 +71,7 @@ def prove(task: Task, candidate: Candidate, runs: Runs) -> Proven:
     for _ in range(MAX_TIGHTENINGS):
         started = runs.clock()
         try:
-            motion = trajectory(problem, candidate.program, candidate.motion)
+            motion = trajectory(problem, candidate.program, candidate.motion, candidate.parts)
             if _is_due(runs, started):
                 nothing, late = Certificate.of_nothing(problem.margin), Status.TIME_BUDGET
                 return Proven(late, nothing, motion, motion.duration, candidate=candidate)
@@ -151,18 +151,13 @@ def _tightened(tightening: Tightening, checked: Certificate) -> Tightening:
 
 def _solve_again(task: Task, candidate: Candidate, tightening: Tightening, runs: Runs) -> Candidate:
     """SQP run on the program with tighter constraints, resumed from the last point."""
-    program = task.program(
-        candidate.program.reference,
-        candidate.program.grid,
-        tightening=tightening,
-    )
-    result = candidate.result
-    return runs.minimize(
-        program,
-        candidate.motion,
-        RESUMED,
-        y=result.y,
-        z=result.z,
-        excess=result.excess,
-        purpose="tightened",
-    )
+    grid, reference = candidate.program.grid, candidate.program.reference
+    purpose, parts = "tightened", candidate.parts
+    if parts > 1:  # a motion at the bound, which has no multipliers
+        program = task.program(reference, grid.divided(parts), tightening=tightening)
+        point = program.pack(grid.split(candidate.controls, parts), candidate.S)
+        none = {"y": np.zeros(program.equalities), "z": np.zeros(program.inequalities)}
+        return runs.minimize(program, point, RESUMED, **none, purpose=purpose)
+    program, result = task.program(reference, grid, tightening=tightening), candidate.result
+    known = {"y": result.y, "z": result.z, "excess": result.excess}
+    return runs.minimize(program, candidate.motion, RESUMED, **known, purpose=purpose)

@@ -50,11 +50,14 @@ class Candidate:
         program: Nonlinear program.
         result: Result of the run.
         coarser: Shortest duration on half as many intervals [s]; None if unknown.
+        parts: Number of intervals of the trajectory per interval of the program, which is coarser
+            than asked for where that is enough.
     """
 
     program: StagedProgram
     result: SQPResult
     coarser: float | None = None
+    parts: int = 1
 
     @property
     def is_feasible(self) -> bool:
@@ -209,6 +212,6 @@ class Runs:
         steps = found.result.history
         names = (step.backend.partition(",")[0] for step in steps)
         backends = ", ".join(dict.fromkeys(names))
-        size, status = found.program.grid.size, found.result.status.name.lower()
+        size, status = found.parts * found.program.grid.size, found.result.status.name.lower()
         T, reference = found.duration, found.program.reference
         self.runs.append(SearchRun(purpose, size, backends, len(steps), status, T, reference))
