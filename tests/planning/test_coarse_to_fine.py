@@ -93,23 +93,39 @@ def test_grids_are_halved_while_enough_intervals_are_left(intervals: int, grids:
     assert [run.intervals for run in of_first_guess] == grids
 
 
-@pytest.mark.parametrize(("intervals", "parts"), [(31, 1), (40, 2), (98, 2), (100, 4)])
-def test_intervals_of_a_motion_at_the_bound_are_parts_of_coarse_ones(
-    intervals: int, parts: int
+@pytest.mark.parametrize(
+    ("seed", "intervals", "of_probe"),
+    [(1016, 16, 16), (1016, 31, 16), (1016, 50, 16), (1016, 98, 16), (1005, 50, 25)],
+)
+def test_the_trajectory_of_a_probe_is_the_motion_of_its_program_on_more_intervals(
+    seed: int, intervals: int, of_probe: int
 ) -> None:
-    task = task_of(replace(random_problem(1016, HARD).problem, intervals=intervals))
+    task = task_of(replace(random_problem(seed, HARD).problem, intervals=intervals))
     found = at_the_bound(task, Runs.start("auto", None, None))
     assert found is not None
     assert found.is_feasible
-    assert found.parts == parts
-    motion = trajectory(task.problem, found.program, found.motion, parts)
+    assert found.program.grid.size == of_probe
+    motion = trajectory(task.problem, found.program, found.motion, found.fine)
     assert motion.intervals == intervals
-    by_coarse = np.diff(motion.times).reshape(-1, parts)
-    np.testing.assert_allclose(by_coarse, by_coarse[:, :1] + 0.0 * by_coarse)
     coarse = trajectory(task.problem, found.program, found.motion)
+    assert np.isin(np.round(coarse.times, 12), np.round(motion.times, 12)).all()
+    longest = np.diff(motion.times).max()
+    assert longest <= 2.0 * motion.duration / intervals
     times = np.linspace(0.0, coarse.duration, 997)
     for one, other in zip(motion(times), coarse(times), strict=True):  # the same motion
         np.testing.assert_allclose(one, other, rtol=0.0, atol=1e-12)
+
+
+def test_a_probe_that_ends_near_a_feasible_motion_goes_on_with_more_intervals() -> None:
+    problem = random_problem(1005, HARD).problem
+    plan = zs.plan(problem)
+    assert plan.status is zs.Status.FASTEST_POSSIBLE
+    first, second = plan.history
+    assert first.step == 0.0  # not feasible on 16 intervals
+    assert 1e-3 < first.violation < 0.1
+    assert second.step == 1.0
+    (run,) = plan.runs
+    assert (run.iterations, run.intervals, run.status) == (2, 25, "bound_reached")
 
 
 def coarse_candidate(task: Task, intervals: int) -> Candidate:
@@ -230,8 +246,7 @@ def test_a_motion_at_the_bound_keeps_rows_that_took_part_in_no_program(seed: int
     runs = Runs.start("auto", None, None)
     found = at_the_bound(task, runs)
     assert found is not None
-    (record,) = runs.history
-    program = found.program
+    record, program = runs.history[-1], found.program
     assert record.rows < 0.5 * program.inequalities
     q, w, controls, S = program.unpack(found.motion)
     worst = np.full(program.rows.count, -np.inf)

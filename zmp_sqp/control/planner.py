@@ -505,7 +505,7 @@ def _unfinished(
         return None
     motion = proven.attempt if proven.candidate is found else None
     if motion is None:
-        motion = trajectory(problem, found.program, found.motion, found.parts)
+        motion = trajectory(problem, found.program, found.motion, found.fine)
     return Memory(problem, motion, found, unfinished=before + 1)
 
 

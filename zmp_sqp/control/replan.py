@@ -338,7 +338,7 @@ def _without_proof(task: Task, found: Candidate) -> Proven:
     base = problem.undercarriage
     if isinstance(base, Driving) and not base.terrain.uniform:
         return Proven(Status.TIME_BUDGET, nothing, None, found.duration)
-    motion = trajectory(problem, found.program, found.motion, found.parts)
+    motion = trajectory(problem, found.program, found.motion, found.fine)
     return Proven(Status.TIME_BUDGET, nothing, motion, motion.duration, candidate=found)
 
 

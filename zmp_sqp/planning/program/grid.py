@@ -155,24 +155,28 @@ class Grid:
         rate = w + h * np.einsum("c,kcn->kn", once, controls)
         return position, rate, np.einsum("c,kcn->kn", level, controls)
 
-    def divided(self, parts: int) -> Grid:
-        """Grid with every interval divided into equal parts."""
-        inner = self.nodes[:-1, None] + self.steps[:, None] * (np.arange(parts) / parts)
-        return Grid(np.append(inner.ravel(), self.nodes[-1]), uniform=False)
-
-    def split(self, controls: Array, parts: int) -> Array:
-        """Accelerations of this grid on the grid that is `divided`, shape (N parts, 2, n).
+    def divided(self, parts: Any) -> Grid:
+        """Grid with every interval divided into equal parts.
 
         Args:
-            controls: Accelerations on this grid, shape (N, 2, n).
-            parts: Number of equal parts of each interval.
+            parts: Number of parts, of all intervals or of each, shape (N,).
         """
-        shares = np.arange(parts + 1)[:, None] / parts
-        start, end = controls[:, :1], controls[:, 1:]
-        values = start + (end - start) * shares  # (N, parts + 1, n)
-        return np.stack([values[:, :-1], values[:, 1:]], axis=2).reshape(
-            -1, ENDS, controls.shape[2]
-        )
+        counts = np.broadcast_to(np.asarray(parts, dtype=int), self.size)
+        k = np.repeat(np.arange(self.size), counts)
+        number = np.arange(len(k)) - (np.cumsum(counts) - counts)[k]
+        inner = self.nodes[k] + self.steps[k] * (number / counts[k])
+        return Grid(np.append(inner, self.nodes[-1]), uniform=False)
+
+    def refined(self, intervals: int) -> Grid:
+        """Grid of a larger number of intervals, with all nodes of this one, as even as possible."""
+        counts = np.maximum(np.floor(intervals * self.steps), 1.0)
+        while counts.sum() != intervals:
+            sizes = self.steps / counts
+            if counts.sum() < intervals:
+                counts[np.argmax(sizes)] += 1.0
+            else:
+                counts[np.argmin(np.where(counts > 1.0, sizes, np.inf))] -= 1.0
+        return self.divided(counts)
 
     def parents(self, fine: Grid) -> Array:
         """Index of the interval of this grid that each interval of a finer grid lies in, (N_fine,).

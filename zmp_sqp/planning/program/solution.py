@@ -7,6 +7,7 @@ import numpy as np
 from zmp_sqp.arrays import Array
 from zmp_sqp.motion.trajectory import Trajectory
 from zmp_sqp.planning.problem.problem import Problem
+from zmp_sqp.planning.program.grid import Grid
 from zmp_sqp.planning.program.staged import Motion, StagedProgram
 
 __all__ = ["trajectory"]
@@ -22,7 +23,7 @@ ARRIVED = 1e-9  # [m] largest distance of a driving base from its goal that is n
 
 
 def trajectory(
-    problem: Problem, program: StagedProgram, point: Motion, parts: int = 1
+    problem: Problem, program: StagedProgram, point: Motion, fine: Grid | None = None
 ) -> Trajectory:
     """Trajectory in seconds that meets the goal, stretched slightly where rounding breaks a limit.
 
@@ -34,13 +35,13 @@ def trajectory(
         problem: The problem.
         program: Its program.
         point: Point of the program.
-        parts: Number of equal intervals of the trajectory per interval of the program.
+        fine: Grid of the trajectory, with all nodes of the program's; None for the program's own.
     """
     if program.drive is None or program.goal.free:
-        return _motion(problem, program, point, None, parts)
+        return _motion(problem, program, point, None, fine)
     aim, previous = program.drive.goal, np.inf
     while True:
-        found = _motion(problem, program, point, aim, parts)
+        found = _motion(problem, program, point, aim, fine)
         miss = np.zeros(2) if found.base is None else program.drive.goal - found.base.poses[-1, :2]
         distance = float(np.abs(miss).max())
         if distance <= ARRIVED or distance > 0.1 * previous:  # what is left is sideways
@@ -49,13 +50,17 @@ def trajectory(
 
 
 def _motion(
-    problem: Problem, program: StagedProgram, point: Motion, aim: Array | None, parts: int
+    problem: Problem,
+    program: StagedProgram,
+    point: Motion,
+    aim: Array | None,
+    fine: Grid | None,
 ) -> Trajectory:
     """Trajectory of a point; the Runge-Kutta path of a driving base is made to end at `aim`."""
     coordinates, undercarriage = problem.coordinates, problem.undercarriage
     limits = problem.machine.limits.followed_by(undercarriage.limits)
     size, coarse = coordinates.size, program.grid
-    grid = coarse.divided(parts) if parts > 1 else coarse
+    grid = fine or coarse
 
     def motion(sigma: float) -> tuple[Array, Array, Array, float]:
         same = sigma == point.sigma
@@ -65,8 +70,8 @@ def _motion(
             near = reached.states[:, program.stages.places]
             controls = program.drive.arrived(coarse, y[0], rates[0], controls, aim, near)
             y, rates = coarse.rolled(y[0], rates[0], controls)
-        if parts > 1:
-            controls = coarse.split(controls, parts)
+        if fine is not None:
+            controls = coarse.on(fine, controls)
             y, rates = grid.rolled(y[0], rates[0], controls)
         joints = coordinates.joints(y[:, :size]), coordinates.rates(rates[:, :size])
         accelerations = coordinates.rates(controls[:, :, :size])

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.planning.program.grid import Grid
+from zmp_sqp.planning.program.staged import StagedProgram
 from zmp_sqp.planning.search.blind import BlindMotion, blind_motion
 from zmp_sqp.planning.search.guess import cubic_accelerations
 from zmp_sqp.planning.search.run import Candidate, Runs, SearchRun
@@ -16,7 +18,7 @@ from zmp_sqp.sqp.iterate import is_feasible
 from zmp_sqp.sqp.least_distance import EQUALITY, Nearest, nearest_feasible
 from zmp_sqp.sqp.result import IterationRecord, SQPResult, SQPStatus
 
-__all__ = ["ABOVE", "REFUSED", "SHORTEST_STEPS", "at_the_bound", "intervals_per_coarse_one"]
+__all__ = ["ABOVE", "REFUSED", "SHORTEST_STEPS", "at_the_bound"]
 
 # relative excess of the duration over the lower bound: at the bound itself the deciding joint has
 # only one motion
@@ -28,8 +30,8 @@ LEAST_PER_PHASE = 2  # fewest intervals in each phase of the deciding coordinate
 PURPOSE = "probe at the bound"
 REFUSED = "refused"  # status of a probe that finds nothing
 SHORTEST_STEPS = ", shortest steps"  # what the record of its iteration adds to the QP solver
-LEAST_COARSE = 8  # fewest intervals of a grid that is half as fine as the problem's
-COARSEST = 25  # fewest intervals of a still coarser one
+SIZES = (16, 25)  # intervals of the grids of a probe at most, in turn
+CLOSE = 0.1  # violation at the end of the first one up to which the second one is tried
 
 
 def at_the_bound(
@@ -73,8 +75,8 @@ def _probe(
     """Feasible motion that is slower than the bound by a relative `stretch`, by a few short steps.
 
     The steps (`nearest_feasible`) are taken on a grid with nodes at the switching times of the
-    deciding coordinate. A coarse grid is enough for that: the trajectory gets all intervals, by
-    division (`Candidate.parts`).
+    deciding coordinate, which is coarser than the trajectory's (`Candidate.fine`): 16 intervals, or
+    25 where those end near a feasible motion.
 
     Args:
         task: The planning task.
@@ -87,42 +89,59 @@ def _probe(
     motion = blind_motion(task, stretch)
     if motion is None:
         return None
-    intervals = task.problem.first_intervals
-    parts = intervals_per_coarse_one(intervals)
-    coarse = aligned_grid(motion, intervals // parts)
-    program = task.program(motion.duration, coarse)
-    if guess is not None:
-        controls = guess(coarse)
-    else:
-        alpha = (
-            cubic_accelerations(task.start, task.goal, motion.duration, coarse)
-            if smooth
-            else motion.duration**2 * motion.mean_accelerations(coarse.nodes * motion.duration)
-        )
-        controls = np.repeat(alpha[:, None], 2, axis=1)
-    point = program.pack(controls, motion.duration**2)
-    found = nearest_feasible(program, point, runs.backend)
-    record = _record(found, runs)
-    runs.note(record)
+    T, intervals = motion.duration, task.problem.first_intervals
+    attempts: list[_Attempt] = []
+    for size in sorted({min(size, intervals) for size in SIZES}):
+        grid = aligned_grid(motion, size)
+        if attempts:
+            controls = attempts[-1].on(grid)
+        elif guess is not None:
+            controls = guess(grid)
+        else:
+            controls = _controls(task, motion, grid, smooth=smooth)
+        program = task.program(T, grid)
+        found = nearest_feasible(program, program.pack(controls, T**2), runs.backend)
+        attempts.append(_Attempt(program, found))
+        runs.note(_record(found, runs, len(attempts)))
+        if found.feasible or not found.at.violation <= CLOSE:
+            break
+    program, found = attempts[-1]
+    records = tuple(runs.history[-len(attempts) :])
+    size, reference = program.grid.size, program.reference
     if not found.feasible:
-        T = motion.duration
-        refused = SearchRun(PURPOSE, coarse.size, found.backend, 1, REFUSED, T, program.reference)
-        runs.runs.append(refused)
+        count, backend = len(records), found.backend
+        runs.runs.append(SearchRun(PURPOSE, size, backend, count, REFUSED, T, reference))
         return None
+    fine = program.grid.refined(intervals) if size < intervals else None
     y, z = np.zeros(program.equalities), np.zeros(program.inequalities)
-    excess = found.excess if parts == 1 else None  # that of shorter intervals is smaller
-    result = SQPResult(found.point, y, z, excess, SQPStatus.BOUND_REACHED, found.at, (record,))
-    reached = Candidate(program, result, parts=parts)
+    excess = found.excess if fine is None else None  # that of shorter intervals is smaller
+    status = SQPStatus.BOUND_REACHED
+    result = SQPResult(found.point, y, z, excess, status, found.at, records)
+    reached = Candidate(program, result, fine=fine)
     runs.record(PURPOSE, reached)
     return reached
 
 
-def intervals_per_coarse_one(intervals: int) -> int:
-    """How many of the problem's intervals make one of the coarse grid, a power of two."""
-    size, parts = intervals, 1
-    while size % 2 == 0 and size >= 2 * (LEAST_COARSE if parts == 1 else COARSEST):
-        size, parts = size // 2, 2 * parts
-    return parts
+class _Attempt(NamedTuple):
+    """Search for a feasible motion on one grid."""
+
+    program: StagedProgram
+    found: Nearest
+
+    def on(self, grid: Grid) -> Array:
+        """Accelerations T^2 a of its last motion on another grid, shape (N, 2, n)."""
+        return self.program.grid.on(grid, self.program.unpack(self.found.point)[2])
+
+
+def _controls(task: Task, motion: BlindMotion, grid: Grid, *, smooth: bool) -> Array:
+    """Accelerations T^2 a of the bang-coast-bang motion or a cubic on a grid, shape (N, 2, n)."""
+    T = motion.duration
+    alpha = (
+        cubic_accelerations(task.start, task.goal, T, grid)
+        if smooth
+        else T**2 * motion.mean_accelerations(grid.nodes * T)
+    )
+    return np.repeat(alpha[:, None], 2, axis=1)
 
 
 def _bang_bang_at_bound(task: Task) -> Candidate | None:
@@ -167,9 +186,9 @@ def aligned_grid(motion: BlindMotion, intervals: int) -> Grid:
     return Grid(np.append(np.concatenate(parts), 1.0), uniform=False)
 
 
-def _record(found: Nearest, runs: Runs) -> IterationRecord:
+def _record(found: Nearest, runs: Runs, number: int) -> IterationRecord:
     return IterationRecord(
-        iteration=1,
+        iteration=number,
         backend=f"{found.backend or runs.backend.name}{SHORTEST_STEPS}",
         inner_iterations=found.inner,
         rows=found.rows,

@@ -71,7 +71,7 @@ def prove(task: Task, candidate: Candidate, runs: Runs) -> Proven:
     for _ in range(MAX_TIGHTENINGS):
         started = runs.clock()
         try:
-            motion = trajectory(problem, candidate.program, candidate.motion, candidate.parts)
+            motion = trajectory(problem, candidate.program, candidate.motion, candidate.fine)
             if _is_due(runs, started):
                 nothing, late = Certificate.of_nothing(problem.margin), Status.TIME_BUDGET
                 return Proven(late, nothing, motion, motion.duration, candidate=candidate)
@@ -152,10 +152,10 @@ def _tightened(tightening: Tightening, checked: Certificate) -> Tightening:
 def _solve_again(task: Task, candidate: Candidate, tightening: Tightening, runs: Runs) -> Candidate:
     """SQP run on the program with tighter constraints, resumed from the last point."""
     grid, reference = candidate.program.grid, candidate.program.reference
-    purpose, parts = "tightened", candidate.parts
-    if parts > 1:  # a motion at the bound, which has no multipliers
-        program = task.program(reference, grid.divided(parts), tightening=tightening)
-        point = program.pack(grid.split(candidate.controls, parts), candidate.S)
+    fine, purpose = candidate.fine, "tightened"
+    if fine is not None:  # a motion at the bound, which has no multipliers
+        program = task.program(reference, fine, tightening=tightening)
+        point = program.pack(grid.on(fine, candidate.controls), candidate.S)
         none = {"y": np.zeros(program.equalities), "z": np.zeros(program.inequalities)}
         return runs.minimize(program, point, RESUMED, **none, purpose=purpose)
     program, result = task.program(reference, grid, tightening=tightening), candidate.result

@@ -10,6 +10,7 @@ import numpy as np
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.errors import ProblemError
+from zmp_sqp.planning.program.grid import Grid
 from zmp_sqp.planning.program.staged import Motion, StagedProgram
 from zmp_sqp.sqp.backends import QPBackend, make_backend
 from zmp_sqp.sqp.backends.deadline import Punctual
@@ -50,14 +51,13 @@ class Candidate:
         program: Nonlinear program.
         result: Result of the run.
         coarser: Shortest duration on half as many intervals [s]; None if unknown.
-        parts: Number of intervals of the trajectory per interval of the program, which is coarser
-            than asked for where that is enough.
+        fine: Grid of the trajectory, with all nodes of the program's; None for the program's own.
     """
 
     program: StagedProgram
     result: SQPResult
     coarser: float | None = None
-    parts: int = 1
+    fine: Grid | None = None
 
     @property
     def is_feasible(self) -> bool:
@@ -212,6 +212,6 @@ class Runs:
         steps = found.result.history
         names = (step.backend.partition(",")[0] for step in steps)
         backends = ", ".join(dict.fromkeys(names))
-        size, status = found.parts * found.program.grid.size, found.result.status.name.lower()
+        size, status = found.program.grid.size, found.result.status.name.lower()
         T, reference = found.duration, found.program.reference
         self.runs.append(SearchRun(purpose, size, backends, len(steps), status, T, reference))

@@ -14,7 +14,6 @@ from zmp_sqp.planning.program.solution import trajectory
 from zmp_sqp.planning.proof.boundary_states import meets_boundary_states
 from zmp_sqp.planning.proof.certificate import certify_for
 from zmp_sqp.planning.search.explore import COARSE
-from zmp_sqp.planning.search.keep_bound import intervals_per_coarse_one
 from zmp_sqp.planning.search.run import Runs
 from zmp_sqp.planning.search.task import Task, Tightening, task_of
 from zmp_sqp.sqp.least_distance import nearest_feasible
@@ -24,6 +23,7 @@ __all__ = ["Found", "Trials"]
 
 # durations of first guesses per lower bound: slow, as any safe motion will do
 PACES = (2.0, 5.0)
+SIZE = 25  # intervals of the coarse grid at most
 SPARE = 1.01  # longer than where a run of the SQP ended, which only comes near feasibility
 INSIDE = 1e-3  # [m] by which the ZMP is kept further inside, so that the proof succeeds
 MOST_ITERATIONS = 20  # of one run of the SQP
@@ -49,11 +49,11 @@ class Found:
         """Whether the motion, on all intervals of the problem, is proven safe at all times."""
         problem = self.task.problem
         coarse = Grid.of(len(self.controls))
-        fine = coarse.divided(problem.first_intervals // coarse.size)
-        program = self.task.program(self.duration, fine, least=0.0)
-        point = program.pack(coarse.on(fine, self.controls), self.duration**2)
+        fine = coarse.refined(problem.first_intervals)
+        program = self.task.program(self.duration, coarse, least=0.0)
+        point = program.pack(self.controls, self.duration**2)
         try:
-            motion = trajectory(problem, program, point)
+            motion = trajectory(problem, program, point, fine)
             return certify_for(problem, motion).safe and meets_boundary_states(problem, motion)
         except ZmpSqpError:  # the path leaves the map, or the tracks cannot follow the ground
             return False
@@ -114,8 +114,7 @@ class Trials:
         """Accelerations T^2 a on a coarse grid, shape (N, 2, n), and duration T [s]."""
         if self.last is not None:
             return self.last.controls, self.last.duration
-        intervals = task.problem.first_intervals
-        size = intervals // intervals_per_coarse_one(intervals)
+        size = min(task.problem.first_intervals, SIZE)
         return task.guess(pace * task.least, size, smooth=True)
 
     def _runs(self) -> Runs:
