@@ -65,7 +65,7 @@ def test_other_words_are_refused(wrong: object) -> None:
 def test_every_run_of_the_search_is_told_of() -> None:
     plan = zs.plan(random_problem(4, HARD).problem)
     probe, coarse, fine = plan.runs
-    assert (probe.intervals, coarse.intervals, fine.intervals) == (25, 25, 50)
+    assert (probe.intervals, coarse.intervals, fine.intervals) == (16, 25, 50)
     assert probe.status == "refused"
     assert coarse.purpose == "cubic, 1.15 x bound"
     assert fine.backend

@@ -31,7 +31,8 @@ ROOTS = {"y forward": TURNED, "raised": RAISED, "both": {**TURNED, **RAISED}}
 ALONE = ("y forward", "raised")
 SAME = 1e-9  # [s, m]
 ROUNDED = 1e-6  # [s] by which runs with corners in another order may differ
-PROVEN = 2e-8  # [m] by which the error of the proof depends on where the root's origin is
+# [m] error of the proof's polynomials, which depends on where the root's origin is
+PROVEN = 4e-7
 # names of the edges follow the root's x axis (REP-103): with y forward they are a quarter turn off
 NAMES = {"front": "left", "left": "rear", "rear": "right", "right": "front"}
 

@@ -14,12 +14,13 @@ from benchmarks.problems.paper import paper_scene
 from zmp_sqp.arrays import Array
 from zmp_sqp.mechanics.uncertainty import leaning_corners
 from zmp_sqp.mechanics.wrench import ground_reaction
+from zmp_sqp.planning.search.keep_bound import ABOVE
 
 START = np.array([0.0, -np.pi / 6, -2 * np.pi / 3, np.pi / 6, -np.pi / 2])
 GOAL = START + np.array([np.pi, 0.0, 0.0, 0.0, 0.0])
 LEFT = zs.Slope(roll=np.radians(-20.0))
 SAME = 1e-9
-STEEP, FRACTION = 28.0, 0.6  # so that it costs time
+STEEP, FRACTION = 28.5, 0.6  # so that it costs time
 # 18 intervals: the slew's switching times fall on the grid, so that the bound can be reached on it
 
 
@@ -161,7 +162,8 @@ def test_a_safer_problem_is_never_faster() -> None:
     durations = [
         zs.plan(problem(ground=steep, intervals=18, **option)).duration for option in options
     ]
-    assert min(durations) >= durations[0] * (1.0 - 1e-6)
+    # motions at the bound are up to 0.03 % slower than it
+    assert min(durations) >= durations[0] * (1.0 - 1.15 * ABOVE)
     assert demanding_plan().duration > durations[0] * 1.0001
 
 
