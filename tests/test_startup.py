@@ -10,11 +10,14 @@ import os
 import pickle
 import subprocess
 import sys
+import threading
+import warnings
 from pathlib import Path
 
 import pytest
 
 import zmp_sqp as zs
+from zmp_sqp.locks import without_warnings
 
 ROOT = Path(__file__).resolve().parents[1]
 BASE = "import numpy, pinocchio"
@@ -272,3 +275,24 @@ def test_only_one_module_imports_the_linear_algebra_of_scipy():
         or (isinstance(node, ast.ImportFrom) and (node.module or "").startswith("scipy.linalg"))
     }
     assert importing == {"blas.py"}
+
+
+def test_threads_leave_the_filters_of_warnings_as_they_were() -> None:
+    before, entered, left = list(warnings.filters), threading.Event(), threading.Event()
+
+    def first() -> None:
+        with without_warnings():
+            entered.set()
+            left.wait(0.3)  # time for the second one, which has to wait
+
+    def second() -> None:
+        entered.wait(30.0)
+        with without_warnings():
+            left.set()
+
+    threads = [threading.Thread(target=work) for work in (first, second)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert list(warnings.filters) == before

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-import threading
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import lru_cache
 from typing import Any
 
+from zmp_sqp.locks import ForkSafeLock
+
 __all__ = ["one_blas_thread", "scipy_linalg"]
 
-_lock = threading.RLock()
+_lock = ForkSafeLock()
 _inside = 0  # calls that are inside `one_blas_thread`
 _limiters: list[Any] = []  # while any call is inside: each sets a limit, and lifts it at its exit
 
@@ -64,7 +66,7 @@ def one_blas_thread() -> Iterator[None]:
         yield
     finally:
         with _lock:
-            _inside -= 1
+            _inside = max(_inside - 1, 0)  # after a fork inside, the count begins anew
             if _limiters and not _inside:
                 with _in_control():
                     while _limiters:
@@ -84,3 +86,13 @@ def scipy_linalg() -> Any:
         if _inside:
             _limit()
     return scipy.linalg
+
+
+def _after_fork() -> None:
+    """Forget the calls of other threads in a forked process, which has none of them."""
+    global _inside
+    _inside = 0
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_after_fork)

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import copy
 import itertools
+import multiprocessing
+import os
 import pickle
 import threading
+import traceback
 from dataclasses import replace
 
 import numpy as np
@@ -348,6 +351,95 @@ def test_a_planner_in_use_refuses_another_thread():
     check(planner.plan(problem.start, problem.goal), problem.start, 0.0)
 
 
+def test_a_planner_does_not_wait_for_another_one():
+    """While the constraint of one planner is evaluated, the other one plans."""
+    problem = random_problem(0, HARD).problem
+    waits, inside, last = (threading.Event() for _ in range(3))
+
+    def rate(machine, q, v, a):
+        if waits.is_set() and any(call.name == "proven" for call in traceback.extract_stack()):
+            inside.set()
+            assert last.wait(30.0), "the other planner waits for this one"
+        jacobian = np.zeros((len(q), 1, 3 * machine.size))
+        jacobian[:, 0, machine.size] = 1.0
+        return v[:, :1] - 10.0, jacobian
+
+    one, other = planner_of(problem), planner_of(problem)
+    one.constraints = [zs.PathRows("rate", rate)]
+    plans = [planner.plan(problem.start, problem.goal) for planner in (one, other)]
+    states = [plan.trajectory(0.1)[:2] for plan in plans]
+    found = []
+
+    def work():
+        q, v = states[0]
+        found.append(one.plan(q, problem.goal, v, elapsed=0.1))
+
+    thread = threading.Thread(target=work)
+    waits.set()
+    thread.start()
+    assert inside.wait(30.0)
+    q, v = states[1]
+    assert other.plan(q, problem.goal, v, elapsed=0.1).success
+    last.set()
+    thread.join()
+    assert found[0].success
+
+
+def test_a_time_that_is_negative_by_rounding_is_now():
+    problem = random_problem(5, HARD).problem
+    planner = planner_of(problem)
+    first = planner.plan(problem.start, problem.goal)
+    again = planner.plan(problem.start, problem.goal, elapsed=0.3 - (0.1 + 0.2))
+    assert again.duration == first.duration
+
+
+def test_a_progress_function_cannot_plan_with_its_planner():
+    problem = random_problem(5, HARD).problem
+    planner, said = planner_of(problem), []
+
+    def report(record):
+        with pytest.raises(zs.ProblemError, match="planning already: its progress function"):
+            planner.plan(problem.start, problem.goal)
+        said.append(record)
+
+    plan = planner.plan(problem.start, problem.goal, progress=report)
+    assert plan.success
+    assert said
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")
+def test_a_process_forked_while_another_thread_plans_can_plan():
+    problem = random_problem(5, HARD).problem
+    planner, inside, done = planner_of(problem), threading.Event(), threading.Event()
+
+    def report(record):
+        inside.set()
+        done.wait(60.0)
+
+    def work():
+        planner.plan(problem.start, problem.goal, progress=report)
+
+    def child(pipe):
+        own = zs.plan(problem).duration
+        pipe.send((own, planner.plan(problem.start, problem.goal).duration))
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    assert inside.wait(10.0)
+    context = multiprocessing.get_context("fork")
+    ours, theirs = context.Pipe()
+    process = context.Process(target=child, args=(theirs,))
+    process.start()
+    try:
+        assert ours.poll(60.0), "the forked process waits for a thread that it does not have"
+        durations = ours.recv()
+    finally:
+        done.set()
+        process.kill()
+        thread.join()
+    assert durations == (zs.plan(problem).duration,) * 2
+
+
 def test_the_same_calls_give_the_same_bits():
     problem = random_problem(12, HARD).problem
 
@@ -410,6 +502,12 @@ def test_what_is_no_machine_is_refused_by_name():
         ({"machine": None}, "machine must be a Machine"),
         ({"qp_solver": "best"}, "unknown QP solver 'best'"),
         ({"clock": 3.0}, "clock must be a function"),
+        ({"intervals": -3}, "intervals"),
+        ({"model": "foo"}, "unknown model 'foo'"),
+        ({"constraints": 5}, "constraints must be a list"),
+        ({"payload_uncertainty": 1.5}, "payload_uncertainty must lie within"),
+        ({"payload_com_uncertainty": -1.0}, "payload_com_uncertainty"),
+        ({"ground": "level"}, "ground"),
     ],
 )
 def test_a_planner_that_cannot_plan_is_refused_at_once(options, complaint):

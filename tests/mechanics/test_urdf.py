@@ -2,9 +2,11 @@ from __future__ import annotations
 
 import os
 import re
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from tests.mechanics.conftest import PERMUTED
@@ -232,6 +234,26 @@ def test_the_cause_that_pinocchio_only_prints_is_in_the_message(
     assert capfd.readouterr() == ("", "")
     os.write(2, b"still open\n")
     assert capfd.readouterr().err == "still open\n"
+
+
+@pytest.mark.parametrize("edit", ["", "<safety_controller/>"])
+def test_what_other_threads_write_while_a_machine_loads_is_passed_on(
+    edit: str, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = write(tmp_path, edited("<axis", f"{edit}<axis"))
+    build = pin.buildModelFromXML
+
+    def beside(*given: object) -> object:
+        os.write(2, b"Error: mine\nbefore\n")
+        try:
+            return build(*given)
+        finally:
+            os.write(2, b"after\n")
+
+    monkeypatch.setattr(pin, "buildModelFromXML", beside)
+    with nullcontext() if not edit else pytest.raises(MachineError, match="no k_velocity"):
+        load_machine(path)
+    assert capfd.readouterr().err == "Error: mine\nbefore\nafter\n"
 
 
 def test_a_doctype_in_a_comment_is_no_doctype(tmp_path: Path) -> None:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
@@ -25,14 +23,21 @@ from zmp_sqp.control.replan import (
     ready_motion,
     replanned,
 )
+from zmp_sqp.control.sole_use import SoleUse
 from zmp_sqp.control.stop import INTERVALS as STOP_INTERVALS
 from zmp_sqp.control.stop import StopProblem, backend_of, stop_plan
 from zmp_sqp.errors import ProblemError
-from zmp_sqp.mechanics.ground import Ground, Slope, is_uneven
+from zmp_sqp.mechanics.ground import Ground, Slope, check_ground, is_uneven
 from zmp_sqp.mechanics.machine import Machine
+from zmp_sqp.mechanics.uncertainty import com_box
 from zmp_sqp.planning.constraints.binding import checked_constraints
-from zmp_sqp.planning.problem.checks import checked_margin
-from zmp_sqp.planning.problem.problem import Problem
+from zmp_sqp.planning.problem.checks import (
+    UNCERTAINTIES,
+    checked_in_range,
+    checked_intervals,
+    checked_margin,
+)
+from zmp_sqp.planning.problem.problem import Problem, check_model
 from zmp_sqp.planning.problem.undercarriage import Driving
 from zmp_sqp.planning.problem.unicycle_base import UnicycleBase
 from zmp_sqp.planning.program.solution import trajectory
@@ -50,6 +55,7 @@ __all__ = ["Planner"]
 LEVEL = Slope()
 USEFUL = 0.3  # distance of the state from the last motion (`Memory.nearest`) up to which it helps
 USEFUL_GOAL = 0.5  # change of the goal per range of the last motion up to which it helps
+ROUNDING = 1e-6  # [s] by which an `elapsed` may be negative
 LEFT = 0.01  # share of the last motion that must be left for it to help
 RESERVE = 1.3  # time kept for the certificate, per time that it took last
 FADING = 0.9  # of times that are expected, at every call that they leave no time for a step
@@ -98,7 +104,7 @@ class Planner:
     _guess: Memory | None = field(default=None, init=False, repr=False)
     # what the last call asked for
     _question: Question | None = field(default=None, init=False, repr=False)
-    _in_use: Any = field(default_factory=threading.Lock, init=False, repr=False)
+    _in_use: SoleUse = field(default_factory=SoleUse, init=False, repr=False)
     # whether the last search probed at the bound in vain
     _refused_probe: bool = field(default=False, init=False, repr=False)
     # whether the last time budget had no room for a step of the search beside two certificates
@@ -111,8 +117,17 @@ class Planner:
     def __post_init__(self) -> None:
         self._check()
         make_backend(self.qp_solver)  # refuses a name that it does not know
+        check_ground(self.ground)
+        self.intervals = checked_intervals(self.intervals, self.machine.size)
+        check_model(self.model)
         if self.machine.support is not None:
             self.margin = checked_margin(self.margin, self.machine)
+        for allowed in UNCERTAINTIES:
+            setattr(self, allowed.name, checked_in_range(allowed, getattr(self, allowed.name)))
+        com_box(self.payload_com_uncertainty, name="payload_com_uncertainty")
+        given = checked_constraints(self.constraints)
+        if not isinstance(self.constraints, list | tuple):
+            self.constraints = given  # an iterator has its constraints only once
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: getattr(self, name) for name in self.__slots__ if name != "_in_use"}
@@ -120,7 +135,7 @@ class Planner:
     def __setstate__(self, state: dict[str, Any]) -> None:
         for name, value in state.items():
             setattr(self, name, value)
-        self._in_use = threading.Lock()
+        self._in_use = SoleUse()
 
     @one_blas_thread()
     def plan(
@@ -160,11 +175,10 @@ class Planner:
             ProblemError: Wrong arguments, a goal that is refused, or a call while another thread
                 uses this planner.
         """
-        with self._sole_use():
+        with self._in_use.held():
             self._check()
             elapsed = _checked_elapsed(elapsed)
             if not isinstance(self.constraints, list | tuple):
-                # an iterator has its constraints only once: later calls would have none
                 self.constraints = checked_constraints(self.constraints)
             n, joints = self.machine.size, self.machine.joint_names
             q, v = (
@@ -355,18 +369,6 @@ class Planner:
         """What a stop says of itself."""
         return f"{Status.STOP} {widened_limits(self.machine, plan.problem.machine)}".rstrip()
 
-    @contextmanager
-    def _sole_use(self) -> Iterator[None]:
-        """Refuse a call while another thread uses this planner."""
-        if not self._in_use.acquire(blocking=False):
-            raise ProblemError(
-                "this planner is in use by another thread: give every thread a Planner of its own"
-            )
-        try:
-            yield
-        finally:
-            self._in_use.release()
-
     def _fields(self, q: Array, v: Array, base: UnicycleBase | None) -> dict[str, Any]:
         """Arguments of a `Problem` from the state now, but for the goal."""
         own = (
@@ -489,9 +491,9 @@ def _checked_elapsed(given: Any) -> float | None:
     if given is None:
         return None
     elapsed = finite_number(given, name="elapsed", error=ProblemError)
-    if elapsed < 0.0:
+    if elapsed < -ROUNDING:
         raise ProblemError(f"elapsed must be at least 0 s, not {elapsed:g} s")
-    return elapsed
+    return max(elapsed, 0.0)
 
 
 def _unfinished(

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import operator
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from zmp_sqp.arrays import Array
+from zmp_sqp.cached import cached_property
 from zmp_sqp.control.memory import Memory, Remainder
 from zmp_sqp.errors import ProblemError
 from zmp_sqp.motion.trajectory import Trajectory

@@ -19,11 +19,10 @@ A Practical Guide to Splines, chapter IV), with given rates at both ends. Positi
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 
 from zmp_sqp.arrays import Array
+from zmp_sqp.locks import without_warnings
 from zmp_sqp.motion.trajectory import Trajectory
 
 __all__ = [
@@ -101,8 +100,7 @@ def smoothed_motion(
     from scipy.interpolate import UnivariateSpline
 
     found, rates = np.empty_like(q), np.empty_like(q)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # what does not come near enough is found below
+    with without_warnings():  # what does not come near enough is found below
         for j, sigma in enumerate(noise):
             weights = np.full(len(times), 1.0 / sigma)
             spline = UnivariateSpline(times, q[:, j], w=weights, s=len(times), k=3)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from zmp_sqp.arrays import Array
+from zmp_sqp.cached import cached_property
 from zmp_sqp.sqp.backends import QPBackend
 from zmp_sqp.sqp.iterate import is_feasible
 from zmp_sqp.sqp.nlp import Evaluation, Linearization, NonlinearProgram

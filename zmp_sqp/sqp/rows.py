@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from zmp_sqp.arrays import Array, Indices
+from zmp_sqp.cached import cached_property
 
 if TYPE_CHECKING:
     import scipy.sparse as sp

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 import tempfile
-import threading
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import IO, Any
@@ -14,13 +14,16 @@ import numpy as np
 import pinocchio as pin
 
 from zmp_sqp.errors import MachineError
+from zmp_sqp.locks import ForkSafeLock
 from zmp_sqp.mechanics.inertia import spatial_inertia
 from zmp_sqp.mechanics.urdf.description import UrdfDescription
 
 __all__ = ["build_model"]
 
 STDERR = 2  # file descriptor of the standard error stream
-_stderr_lock = threading.Lock()  # held while the standard error stream is redirected
+# what its parser of URDFs writes there: the complaint, and a line of its source
+COMPLAINT = re.compile(rb"^(?:Error|Warning): +(.*)\n +at line \d+ in .*\n?", re.MULTILINE)
+_stderr_lock = ForkSafeLock()  # held while the standard error stream is redirected
 
 
 def build_model(description: UrdfDescription, held: Mapping[str, float]) -> Any:
@@ -49,16 +52,12 @@ def build_model(description: UrdfDescription, held: Mapping[str, float]) -> Any:
         except (ValueError, RuntimeError, IndexError) as cause:
             model, fault = None, cause
         log.seek(0)
-        complaints = log.read().decode(errors="replace").splitlines()
+        written = log.read()
+    if others := COMPLAINT.sub(b"", written):  # what other threads have written meanwhile
+        os.write(STDERR, others)
     if fault is not None:
-        causes = [
-            line.removeprefix("Error:").strip()
-            for line in complaints
-            if not line.strip().startswith("at line")
-        ]
-        raise MachineError(
-            f"Pinocchio cannot read this URDF: {'; '.join(filter(None, causes)) or fault}"
-        )
+        causes = [found[1].decode(errors="replace") for found in COMPLAINT.finditer(written)]
+        raise MachineError(f"Pinocchio cannot read this URDF: {'; '.join(causes) or fault}")
     if held:
         model = _reduced(model, held)
     model.gravity = pin.Motion.Zero()

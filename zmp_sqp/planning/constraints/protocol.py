@@ -10,10 +10,10 @@ computed once per state.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, Protocol, runtime_checkable
 
 from zmp_sqp.arrays import Array, Indices
+from zmp_sqp.cached import cached_property
 from zmp_sqp.mechanics.bounds.effort_bounds import EffortBound
 from zmp_sqp.mechanics.coordinates import Coordinates
 from zmp_sqp.mechanics.machine import Machine

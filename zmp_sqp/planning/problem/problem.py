@@ -130,8 +130,7 @@ class Problem:
         for name in STATES:
             self._set(name, self._state(name))
         self._set("intervals", checked_intervals(self.intervals, self.machine.size))
-        if self.model not in MODELS:
-            raise ProblemError(f"unknown model {self.model!r}; models are {', '.join(MODELS)}")
+        check_model(self.model)
         check_limits(self.machine)
         self._set("margin", checked_margin(self.margin, self.machine))
         self._set("_undercarriage", undercarriage_of(self.base, self.ground))
@@ -266,3 +265,13 @@ class Problem:
     def gravity_at(self, side: str) -> Array:
         """Gravity in the root frame at the "start" or the "goal", shape (3,) [m/s^2]."""
         return gravity_at(self.undercarriage, self.ground, side)
+
+
+def check_model(model: object) -> None:
+    """Refuse what is not in `MODELS`.
+
+    Raises:
+        ProblemError: Unknown model.
+    """
+    if model not in MODELS:
+        raise ProblemError(f"unknown model {model!r}; models are {', '.join(MODELS)}")

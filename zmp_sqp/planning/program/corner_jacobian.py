@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from zmp_sqp.arrays import Array, Indices
+from zmp_sqp.cached import cached_property
 from zmp_sqp.planning.program.rows import StageExpansion
 from zmp_sqp.planning.program.stages import Stages
 from zmp_sqp.sqp.rows import Rows

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
 from zmp_sqp.arrays import Array, Indices
 from zmp_sqp.blas import scipy_linalg
+from zmp_sqp.cached import cached_property
 from zmp_sqp.mechanics.body_poses import BodyPoses, dynamic_parameters
 from zmp_sqp.mechanics.ground import Slope
 from zmp_sqp.mechanics.wrench import WRENCH

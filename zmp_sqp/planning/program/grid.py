@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from zmp_sqp.arrays import Array
+from zmp_sqp.cached import cached_property
 
 __all__ = ["ENDS", "Grid", "hermite_shapes", "shapes"]
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 
 import numpy as np
 
 from zmp_sqp.arrays import Array, Indices
+from zmp_sqp.cached import cached_property
 from zmp_sqp.planning.program.grid import ENDS
 from zmp_sqp.planning.program.stages import CACHED, STATE, Shape, Stages, state_columns
 

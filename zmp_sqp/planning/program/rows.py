@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
 from zmp_sqp.arrays import Array, Indices
+from zmp_sqp.cached import cached_property
 from zmp_sqp.mechanics.bounds.payload_spread import joint_shares
 from zmp_sqp.mechanics.wrench import WRENCH
 from zmp_sqp.planning.constraints.effort_rows import EffortRows, effort_curvature

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from zmp_sqp.arrays import Array
+from zmp_sqp.cached import cached_property
 from zmp_sqp.mechanics.bounds.payload_spread import moment_of_spread
 from zmp_sqp.planning.constraints.protocol import StageSample
 from zmp_sqp.planning.program.clipping import clipped

@@ -30,12 +30,13 @@ position, sigma), called mapped stage variables, which are those of the quadrati
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
 from zmp_sqp.arrays import Array, Indices
+from zmp_sqp.cached import cached_property
 from zmp_sqp.planning.program.grid import ENDS, Grid, hermite_shapes, shapes
 
 __all__ = ["CACHED", "STATE", "Shape", "Stages", "stage_columns", "state_columns"]

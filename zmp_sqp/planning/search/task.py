@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 
 from zmp_sqp.arrays import Array
+from zmp_sqp.cached import cached_property
 from zmp_sqp.motion.double_integrator import slowest_minimum_time
 from zmp_sqp.planning.problem.problem import Problem
 from zmp_sqp.planning.problem.undercarriage import Driving

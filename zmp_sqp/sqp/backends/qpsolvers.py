@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 from typing import Any
 
@@ -12,6 +11,7 @@ import scipy.sparse as sp
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.errors import ProblemError
+from zmp_sqp.locks import without_warnings
 from zmp_sqp.sqp.qp import NOTHING_YET, QP, QPSolution
 
 __all__ = ["QPSolvers"]
@@ -83,8 +83,7 @@ class QPSolvers:
         if self.time_limit is not None and self._solver in TIME_LIMITS:
             settings[TIME_LIMITS[self._solver]] = self.time_limit
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")
+            with without_warnings():
                 answer = qpsolvers.solve_problem(self._problem(qp), self._solver, **settings)
         except Exception:  # solvers raise various exceptions; the caller has a fallback
             return QPSolution.nothing(qp, self.name)
