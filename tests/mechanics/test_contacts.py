@@ -261,12 +261,60 @@ def test_a_machine_on_steered_wheels_does_not_stand_on_its_belly(tmp_path: Path)
     path = write(tmp_path, text)
     planned = zs.load_machine(path)
     assert planned.support is None
-    assert "link 'w0', a wheel that planned joints steer, reaches 0.300 m below all links that" in (
+    assert "link 'w0', which turns like a wheel and which planned joints move, reaches 0.300" in (
         planned.support_hint
     )
     assert "SupportPolygon" not in planned.support_hint  # on the belly
     held = zs.load_machine(path, joints=["turn"])
     np.testing.assert_allclose(np.abs(corners(held)), [[0.6, 0.5]] * 4, atol=1e-6)
+
+
+@pytest.mark.parametrize("kind", ["limited", "cambered", "steered", "tilted", "rocking", "hub"])
+@pytest.mark.filterwarnings("ignore::zmp_sqp.MachineWarning")
+def test_a_machine_on_wheels_that_move_otherwise_does_not_stand_on_its_belly(
+    tmp_path: Path, kind: str
+) -> None:
+    """Wheels with limits, on inclined axles, steered, on rockers, or that carry a further joint."""
+    round_shape = '<cylinder radius="0.3" length="0.2"/>'
+    text = on_wheels(round_shape)
+    if kind in ("limited", "steered", "tilted", "rocking"):
+        text = on_steered_wheels(round_shape) if kind != "limited" else text
+        text = re.sub(
+            r'(<joint name="axle\d" type=)"continuous"(.*?)</joint>',
+            r'\1"revolute"\2<limit lower="-50" upper="50" velocity="1" effort="1"/></joint>',
+            text,
+        )
+        axis = {"tilted": "0.17 0 1", "rocking": "0 1 0"}.get(kind, "0 0 1")
+        steering = '<axis xyz="{}"/><limit lower="-0.5"'
+        text = text.replace(steering.format("0 0 1"), steering.format(axis))
+    elif kind == "cambered":
+        text = re.sub(r'(<joint name="axle\d.*?<origin) xyz', r'\1 rpy="0.2 0 0" xyz', text)
+    else:
+        for i in range(4):
+            hub = f'<link name="h{i}"/><joint name="hub{i}" type="continuous"><parent link="w{i}"/>'
+            hub += f'<child link="h{i}"/><axis xyz="0 1 0"/></joint>'
+            text = text.replace("</robot>", f"{hub}</robot>")
+    belly = f'<link name="base"><collision>{BELLY}</collision>'
+    machine = zs.load_machine(write(tmp_path, text.replace('<link name="base">', belly)))
+    assert machine.support is None
+    assert "which turns like a wheel" in machine.support_hint
+
+
+@pytest.mark.parametrize("swung", [0.0, 0.9, -0.9])
+def test_held_legs_on_joints_without_limits_stand_on_their_feet(
+    tmp_path: Path, swung: float
+) -> None:
+    text = on_wheels('<sphere radius="0.05"/>').replace(
+        '<origin rpy="1.5707963267948966 0 0"/>', '<origin xyz="0 0 -0.8"/>'
+    )
+    angles = dict.fromkeys((f"axle{i}" for i in range(4)), swung)
+    for support in (None, ["w0", "w1", "w2", "w3"]):
+        machine = zs.load_machine(
+            write(tmp_path, text), joints=["turn"], hold=angles, support=support
+        )
+        x = sorted({round(x, 9) for x, _ in corners(machine)})
+        moved = -0.8 * np.sin(swung)
+        np.testing.assert_allclose(x, [-0.6 + moved, 0.6 + moved], atol=1e-6)
 
 
 def test_what_is_no_wheel_carries_nothing_while_it_is_planned(tmp_path: Path) -> None:

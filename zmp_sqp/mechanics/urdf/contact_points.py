@@ -17,9 +17,10 @@ __all__ = [
     "LEVEL",
     "Axle",
     "axle_of",
+    "is_round",
     "link_placement",
     "lowest_points",
-    "steered_placement",
+    "rolling_placement",
     "wheel_placement",
 ]
 
@@ -30,7 +31,10 @@ MESH_LEVEL = 2e-3
 # larger than the disc
 RIM_POINTS = 32
 TURNS = (0.0, 0.4, 1.1, 2.0, 3.0, 4.3, 5.5)  # [rad] at which a link that turns must be as low
+ROUND = 0.05  # share of a wheel's radius by which its lowest point may rise and fall as it turns
 HORIZONTAL = 0.1  # sine of the largest angle between the axle of a wheel and the ground plane
+BETWEEN = 2  # joints between such a wheel and the part that stands still at most; an arm has more
+ROLLING = 0.35  # the same for a wheel that planned joints move, which may be cambered or steered
 
 Axle = tuple[Array, Array]  # a point of a wheel's axle and its direction, root frame, (3,) each
 
@@ -59,34 +63,34 @@ def axle_of(description: UrdfDescription, model: Any, link: str) -> Axle | None:
     return None if abs(axis[2]) > HORIZONTAL else (placement.translation, axis)
 
 
-def wheel_placement(model: Any, link: str, angle: float = 0.0) -> Any:
+def wheel_placement(model: Any, link: str) -> Any:
     """Placement of a link that one joint without limits turns on the root, a `pin.SE3`.
 
     Args:
         model: Pinocchio model of the URDF, in which held joints are fixed.
         link: Name of the link.
-        angle: Angle of the joint [rad].
 
     Returns:
-        Placement in the root frame; None where another joint moves the link, or is behind it.
+        Placement in the root frame where the joint is at zero; None where another joint moves the
+        link, or is behind it.
     """
     frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
     joint = frame.parentJoint
     alone = joint > 1 and model.parents[joint] == 1 and len(model.subtrees[joint]) == 1
     if not alone or model.joints[joint].nq != 2:  # a joint without limits has cosine and sine
         return None
-    data, q = model.createData(), pin.neutral(model)
-    at = model.joints[joint].idx_q
-    q[at], q[at + 1] = np.cos(angle), np.sin(angle)
-    pin.forwardKinematics(model, data, q)
+    data = model.createData()
+    pin.forwardKinematics(model, data, pin.neutral(model))
     return data.oMi[joint] * frame.placement
 
 
-def steered_placement(description: UrdfDescription, model: Any, link: str) -> Any:
-    """Placement of a link that turns like a wheel on planned joints that steer it, a `pin.SE3`.
+def rolling_placement(
+    description: UrdfDescription, model: Any, link: str
+) -> tuple[Any, Axle] | None:
+    """Placement and axle of a link that may roll like a wheel, however planned joints move it.
 
-    Its joint has no limits, carries no other joint and has a horizontal axis; all joints between it
-    and the root have vertical ones.
+    The last joint before it turns by a full turn at least, about an axis that is level to within
+    `ROLLING`. At most `BETWEEN` other joints, as of suspension and steering, lead to it.
 
     Args:
         description: Content of the URDF.
@@ -94,25 +98,40 @@ def steered_placement(description: UrdfDescription, model: Any, link: str) -> An
         link: Name of the link.
 
     Returns:
-        Placement in the root frame where all joints are at zero; None for any other link.
+        Placement of the link in the root frame, a `pin.SE3`, where all joints are at zero, and its
+        axle; None for any other link.
     """
     frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
     joint = frame.parentJoint
-    if joint <= 1 or model.joints[joint].nq != 2 or len(model.subtrees[joint]) > 1:
+    if joint <= 1 or len(model.supports[joint]) - 3 > BETWEEN:  # universe, root and its own joint
         return None
-    data, axes = model.createData(), {one.name: one.axis for one in description.joints}
+    given = next(one for one in description.joints if one.name == model.names[joint])
+    limited = given.upper - given.lower < 2.0 * np.pi  # False for limits that are not given
+    if given.kind != "continuous" and (given.kind != "revolute" or limited):
+        return None
+    data = model.createData()
     pin.forwardKinematics(model, data, pin.neutral(model))
-
-    def upright(one: int) -> float:  # sine of the angle between the axis and the ground plane
-        axis = data.oMi[one].rotation @ axes[model.names[one]]
-        return float(abs(axis[2]) / np.linalg.norm(axis))
-
-    steering = list(model.supports[joint])[2:-1]
-    vertical = np.sqrt(1.0 - HORIZONTAL**2)
-    rolls = bool(steering) and upright(joint) <= HORIZONTAL
-    if not (rolls and min(map(upright, steering)) >= vertical):
+    axis = data.oMi[joint].rotation @ given.axis
+    axis /= np.linalg.norm(axis)
+    if abs(axis[2]) > ROLLING:
         return None
-    return data.oMi[joint] * frame.placement
+    return data.oMi[joint] * frame.placement, (data.oMi[joint].translation.copy(), axis)
+
+
+def is_round(shape: Shape, link: Any, axle: Axle, meshes: MeshFolders) -> bool:
+    """Whether a shape is as low at every angle about an axle, as that of a wheel is.
+
+    Args:
+        shape, link, meshes: Arguments of `lowest_points`.
+        axle: The axle.
+    """
+    centre, axis = axle
+    lowest = []
+    for angle in TURNS:
+        turn = pin.exp3(angle * axis)
+        place = pin.SE3(turn @ link.rotation, centre + turn @ (link.translation - centre))
+        lowest.append(lowest_points(shape, place, None, meshes)[:, 2].min())
+    return bool(np.ptp(lowest) <= max(LEVEL, ROUND * (centre[2] - min(lowest))))
 
 
 def lowest_points(shape: Shape, link: Any, axle: Axle | None, meshes: MeshFolders) -> Array:

@@ -13,11 +13,11 @@ from zmp_sqp.errors import MachineError
 from zmp_sqp.mechanics.support import SupportPolygon
 from zmp_sqp.mechanics.urdf.contact_points import (
     LEVEL,
-    TURNS,
     axle_of,
+    is_round,
     link_placement,
     lowest_points,
-    steered_placement,
+    rolling_placement,
     wheel_placement,
 )
 from zmp_sqp.mechanics.urdf.description import UrdfDescription
@@ -33,7 +33,6 @@ SHARE, MOST = 5e-3, 0.02
 Contact = tuple[str, Array]  # name of a link, and the lowest points of one of its shapes
 NEAR = 3.0  # times that height, up to which a contact that is left out is worth a word
 GROWTH = 2.0  # times the polygon's area, beyond which raised parts of links that stand are, too
-ROUND = 0.05  # share of a wheel's radius by which its lowest point may rise and fall as it turns
 # corners of a polygon, every one of which is a constraint; rounded meshes have hundreds
 MOST_CORNERS = 32
 SLAB = 0.1  # share of the machine's width within which shapes suggest a support polygon
@@ -81,7 +80,7 @@ def footprint(description: UrdfDescription, model: Any, meshes: MeshFolders) -> 
         why = "no link that stands still has a collision shape"
         if contacts or wheels:
             try:
-                _check_steered([*contacts, *wheels], description, model, meshes)
+                _check_rolling([*contacts, *wheels], description, model, meshes)
             except MachineError as fault:
                 return Footprint(None, hint=str(fault))
             try:
@@ -151,32 +150,40 @@ def _wheels(description: UrdfDescription, model: Any, meshes: MeshFolders) -> It
         placement = wheel_placement(model, link)
         axle = None if placement is None else axle_of(description, model, link)
         for shape in shapes if axle is not None else ():
-            lowest = [
-                lowest_points(shape, wheel_placement(model, link, angle), None, meshes)[:, 2].min()
-                for angle in TURNS
-            ]
-            radius = axle[0][2] - min(lowest) if axle is not None else 0.0
-            if np.ptp(lowest) <= max(LEVEL, ROUND * radius):
+            if axle is not None and is_round(shape, placement, axle, meshes):
                 yield link, lowest_points(shape, placement, axle, meshes)
 
 
-def _check_steered(
+def _check_rolling(
     contacts: Sequence[Contact], description: UrdfDescription, model: Any, meshes: MeshFolders
 ) -> None:
-    """Refuse contacts above the wheels that planned joints steer: the machine stands on these.
+    """Refuse contacts above wheels that planned joints move: the machine stands on these.
 
     Raises:
-        MachineError: Such a wheel reaches below the contacts, or it cannot be read.
+        MachineError: Such a wheel reaches below the contacts, or may do so, as it cannot be read.
     """
     ground, tolerance = _ground(contacts)
     for link, shapes in description.shapes.items():
-        placement = steered_placement(description, model, link) if shapes else None
-        if placement is None:
+        found = rolling_placement(description, model, link) if shapes else None
+        if found is None:
             continue
-        low = min(lowest_points(one, placement, None, meshes)[:, 2].min() for one in shapes)
+        placement, axle = found
+        try:
+            low = min(
+                (
+                    lowest_points(shape, placement, None, meshes)[:, 2].min()
+                    for shape in shapes
+                    if is_round(shape, placement, axle, meshes)
+                ),
+                default=np.inf,
+            )
+        except MachineError as fault:
+            if axle[0][2] >= ground - tolerance:
+                continue
+            raise MachineError(f"link {link!r}: {fault}") from None
         if low < ground - tolerance:
             raise MachineError(
-                f"link {link!r}, a wheel that planned joints steer, reaches "
+                f"link {link!r}, which turns like a wheel and which planned joints move, reaches "
                 f"{length_text(ground - low)} below all links that stand still: hold its joints"
             )
 
@@ -209,7 +216,9 @@ def _contacts(
     points = []
     for shape in shapes:
         try:
-            points.append(lowest_points(shape, placement, axle, meshes))
+            # legs and tracks may be on joints without limits, too
+            rolls = axle is not None and is_round(shape, placement, axle, meshes)
+            points.append(lowest_points(shape, placement, axle if rolls else None, meshes))
         except MachineError as fault:
             raise MachineError(f"link {link!r}: {fault}") from None
     return points
