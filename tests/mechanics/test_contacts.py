@@ -300,6 +300,24 @@ def test_a_machine_on_wheels_that_move_otherwise_does_not_stand_on_its_belly(
     assert "which turns like a wheel" in machine.support_hint
 
 
+@pytest.mark.filterwarnings("ignore:.*leaves out link 'base'")
+@pytest.mark.parametrize(("size", "clearance", "stands"), [(0.2, 0.009, False), (2.0, 0.009, True)])
+def test_a_chassis_that_hangs_just_above_the_ground_touches_it_on_large_machines_only(
+    tmp_path: Path, size: float, clearance: float, stands: bool
+) -> None:
+    """Wheels that stand close together, below a chassis that is three times as wide."""
+    text = on_wheels('<cylinder radius="0.3" length="0.02"/>')
+    for given in ("0.6 ", "0.4 "):
+        text = text.replace(given, f"{float(given) * size / 2.0} ")
+    z = clearance + 0.05
+    box = f'<origin xyz="0 0 {z}"/><geometry><box size="{1.8 * size} {1.2 * size} 0.1"/></geometry>'
+    chassis = f'<link name="base"><collision>{box}</collision>'
+    path = write(tmp_path, text.replace('<link name="base">', chassis))
+    machine = zs.load_machine(path, joints=["turn"])
+    half = max(x for x, _ in corners(machine))
+    assert half == pytest.approx(0.9 * size if stands else 0.3 * size, abs=1e-6)
+
+
 @pytest.mark.parametrize("swung", [0.0, 0.9, -0.9])
 def test_held_legs_on_joints_without_limits_stand_on_their_feet(
     tmp_path: Path, swung: float

@@ -27,9 +27,9 @@ from zmp_sqp.mechanics.urdf.plausibility import first
 
 __all__ = ["Footprint", "footprint", "footprint_of_links"]
 
-# A contact may end this much above the lowest one: LEVEL, or this share of the machine's width if
-# that is more, but never more than MOST [m].
-SHARE, MOST = 5e-3, 0.02
+# A contact may end this much above the lowest one: SHARE of the machine's width, or LEVEL if that
+# is more; but never more than MOST [m], and on small machines SMALL of the width, not LEVEL.
+SHARE, SMALL, MOST = 5e-3, 0.01, 0.02
 Contact = tuple[str, Array]  # name of a link, and the lowest points of one of its shapes
 NEAR = 3.0  # times that height, up to which a contact that is left out is worth a word
 GROWTH = 2.0  # times the polygon's area, beyond which raised parts of links that stand are, too
@@ -231,7 +231,7 @@ def _ground(contacts: Sequence[Contact]) -> tuple[float, float]:
     low = points[points[:, 2] <= ground + NEAR * MOST]
     width = float(np.linalg.norm(np.ptp(low[:, :2], axis=0)))
     # rounding of sums of decimal numbers must not decide
-    return ground, min(max(LEVEL, SHARE * width), MOST) + 1e-9
+    return ground, min(max(min(LEVEL, SMALL * width), SHARE * width), MOST) + 1e-9
 
 
 def _polygon(contacts: Sequence[Contact]) -> Footprint:
