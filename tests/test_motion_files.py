@@ -231,6 +231,45 @@ def test_units_beside_columns_and_degrees_are_converted(tmp_path: Path) -> None:
     np.testing.assert_allclose(read.positions, q, atol=1e-14)
 
 
+def test_units_of_a_base_are_converted_too(tmp_path: Path) -> None:
+    problem = load_scenario("retreat").problem
+    machine, plan = problem.machine, zs.plan(problem)
+    zs.export_motion(plan.trajectory, tmp_path / "motion.csv")
+    header, *rows = (line.split(",") for line in (tmp_path / "motion.csv").read_text().splitlines())
+    table = np.array(rows, dtype=float)
+    angles = [i for i, name in enumerate(header) if (i and "base." not in name) or "yaw" in name]
+    table[:, angles] = np.degrees(table[:, angles])
+    degrees = write_table(tmp_path / "degrees.csv", header, table)
+    lengths = [i for i, name in enumerate(header) if "base." in name and "yaw" not in name]
+    named = list(header)
+    for i in angles:
+        named[i] += " [deg]"
+    for i in lengths:
+        named[i] += " [mm]"
+    table[:, lengths] *= 1e3
+    units = write_table(tmp_path / "units.csv", named, table)
+    for read in (zs.read_motion(degrees, machine, degrees=True), zs.read_motion(units, machine)):
+        base = read.trajectory.base
+        assert base is not None
+        np.testing.assert_allclose(base.poses, plan.trajectory.base.poses, atol=1e-9)
+        np.testing.assert_allclose(base.velocities, plan.trajectory.base.velocities, atol=1e-9)
+    with pytest.raises(zs.TrajectoryError, match="gives units already"):
+        zs.read_motion(units, machine, degrees=True)
+    named[header.index("base.yaw")] = "base.yaw [mm]"
+    with pytest.raises(zs.TrajectoryError, match=r"'base.yaw \[mm\]' must be in rad or deg"):
+        zs.read_motion(write_table(tmp_path / "wrong.csv", named, table), machine)
+
+
+def test_a_joint_that_slides_has_no_degrees(tmp_path: Path) -> None:
+    slider = zs.load_machine("slider")
+    for unit in ("deg", "rad"):
+        path = write_table(
+            tmp_path / f"{unit}.csv", ["time", f"{slider.joint_names[0]} [{unit}]"], np.eye(2)[::-1]
+        )
+        with pytest.raises(zs.TrajectoryError, match="must be in m or mm"):
+            zs.read_motion(path, slider)
+
+
 def test_degrees_leave_joints_that_slide_alone(tmp_path: Path) -> None:
     slider = zs.load_machine("slider")
     (name,) = slider.joint_names
@@ -429,7 +468,9 @@ Edit = Callable[[list[list[str]]], Any]
         (lambda rows: rows[0].__setitem__(8, "stik.velocity"), r"no column 'stick.velocity'"),
         (lambda rows: rows[0].__setitem__(0, "zeit"), r"there is no column 'time'"),
         (lambda rows: rows[0].__setitem__(4, "stick"), r"'stick.position' and 'stick' both hold"),
-        (lambda rows: rows[0].__setitem__(4, "tilt [furlong]"), r"must be in rad, deg, m or mm"),
+        (lambda rows: rows[0].__setitem__(4, "tilt [furlong]"), r"must be in rad or deg"),
+        (lambda rows: rows[0].__setitem__(4, "tilt [mm]"), r"must be in rad or deg"),
+        (lambda rows: rows[0].__setitem__(8, "stick.velocity [rad/min]"), r"'rad/min'"),
         (lambda rows: rows[0].__setitem__(0, "time [h]"), r"must be in s, sec, ms"),
         (lambda rows: rows.__delitem__(slice(2, None)), r"at least 2 samples, not 1"),
         (lambda rows: rows.clear(), r"there is no column 'time'; the columns are none"),

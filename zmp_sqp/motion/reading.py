@@ -30,7 +30,7 @@ from zmp_sqp.motion.joint_trajectory import read_message_samples
 from zmp_sqp.motion.sample_tables import read_csv_samples, read_npz_samples
 from zmp_sqp.motion.samples import Samples
 from zmp_sqp.motion.trajectory import Trajectory
-from zmp_sqp.motion.unicycle_motion import PLANE, UnicycleMotion
+from zmp_sqp.motion.unicycle_motion import BASE_COLUMNS, PLANE, UnicycleMotion
 
 __all__ = [
     "EXACT",
@@ -138,7 +138,7 @@ def read_motion(
         machine: Machine whose joints the file must have, in any order.
         ground: Ground on which the base drives, if the motion has one.
         interpolation: "linear", "spline", "cubic" or "quintic"; None for the default.
-        degrees: Whether angles are in degrees.
+        degrees: Whether angles are in degrees, the yaw of a base too.
         noise: Standard deviation of the noise of measured positions [rad or m], one number or one
             per joint: the motion is then that of smoothing splines ("smoothed"), which pass the
             samples at that distance in the mean, and velocities and accelerations of the file are
@@ -152,7 +152,7 @@ def read_motion(
         TrajectoryError: The file cannot be read, lacks joints or what the rule needs, holds no
             motion, or gives units although `degrees` does; the message names file, row and column.
     """
-    samples, named = _read(Path(path), machine.joint_names)
+    samples, named = _read(Path(path), machine)
     if degrees:
         if samples.converted:
             raise TrajectoryError(
@@ -227,8 +227,9 @@ def _check_smoothing(samples: Samples, motion: Trajectory, noise: Array, machine
         )
 
 
-def _read(path: Path, joint_names: tuple[str, ...]) -> tuple[Samples, str | None]:
+def _read(path: Path, machine: Machine) -> tuple[Samples, str | None]:
     """Samples of a file by its ending, and the interpolation that it names."""
+    joint_names = machine.joint_names
     suffix = path.suffix.lower()
     if path.is_dir() and (path / "metadata.yaml").exists():
         suffix = ".mcap"
@@ -238,7 +239,7 @@ def _read(path: Path, joint_names: tuple[str, ...]) -> tuple[Samples, str | None
             f"{suffix or 'nothing'}"
         )
     if suffix == ".csv":
-        return read_csv_samples(path, joint_names), None
+        return read_csv_samples(path, joint_names, machine.joint_units), None
     if suffix == ".npz":
         return read_npz_samples(path, joint_names), None
     if suffix == ".mcap":
@@ -247,14 +248,17 @@ def _read(path: Path, joint_names: tuple[str, ...]) -> tuple[Samples, str | None
 
 
 def _in_radians(samples: Samples, machine: Machine) -> Samples:
-    """Samples whose angles were in degrees; coordinates of joints that slide stay as they are."""
+    """Samples whose angles were in degrees, those of a base too; lengths stay as they are."""
     factor = np.array([DEGREE if unit == "rad" else 1.0 for unit in machine.joint_units])
     rounding = {
         quantity: error * (1.0 if quantity == "time" else float(factor.max()))
         for quantity, error in (samples.rounding or {}).items()
     }
     values = {quantity: part * factor for quantity, part in samples.values.items()}
-    return replace(samples, values=values, rounding=rounding)
+    base = samples.base
+    if base is not None:
+        base = base * [DEGREE if "yaw" in name else 1.0 for name in BASE_COLUMNS]
+    return replace(samples, values=values, rounding=rounding, base=base)
 
 
 def _exact(

@@ -27,6 +27,12 @@ ALIASES = {
 QUANTITY_OF = {alias: quantity for quantity, names in ALIASES.items() for alias in names}
 SEPARATORS = "._/: "
 UNIT = re.compile(r"\s*[\[(]\s*([^\])]*?)\s*[\])]$")  # "slew.position [deg]"
+PER_TIME = re.compile(r"s(ec)?[\^*]*[2-5²³]?")  # "s", "s^2", "s²"
+# units of angles and of lengths, with their factors to SI units
+UNITS = {
+    "rad": {"rad": 1.0, "deg": np.pi / 180.0, "°": np.pi / 180.0},
+    "m": {"m": 1.0, "mm": 1e-3},
+}
 
 
 class Columns(NamedTuple):
@@ -39,6 +45,7 @@ class Columns(NamedTuple):
             where there is none.
         factors: Factors that turn these columns to SI units.
         base: Index of each of `BASE_COLUMNS`, -1 where there is none; empty without a base.
+        base_factors: Factors that turn these columns to SI units; 1 where there is none.
         ignored: Names of all other columns.
     """
 
@@ -47,21 +54,71 @@ class Columns(NamedTuple):
     joints: dict[str, list[int]]
     factors: dict[str, list[float]]
     base: list[int]
+    base_factors: list[float]
     ignored: tuple[str, ...]
 
+    @property
+    def converts(self) -> bool:
+        """Whether any factor differs from 1."""
+        every = (*self.factors.values(), self.base_factors)
+        return any(factor != 1.0 for of in every for factor in of)
 
-def read_header(source: str, header: Sequence[str], joint_names: Sequence[str]) -> Columns:
+
+def read_header(
+    source: str, header: Sequence[str], joint_names: Sequence[str], joint_units: Sequence[str]
+) -> Columns:
     """Find time, joints and base among the names of columns.
 
     Args:
         source: Path of the file, for messages.
         header: Names of the columns.
         joint_names: Names of the n joints that must be there.
+        joint_units: Units of their coordinates, "rad" or "m".
 
     Raises:
-        TrajectoryError: No time, a column twice, a joint without position, or a quantity that is
-            given for some joints only; the message names file and column.
+        TrajectoryError: No time, a column twice, a joint without position, a quantity that is given
+            for some joints only, or an angle in a unit of length; the message names file and
+            column.
     """
+    found, units, ignored = _known_columns(source, header, joint_names)
+    if ("time", "") not in found:
+        raise TrajectoryError(
+            f"{source}: there is no column 'time'; the columns are {_listed(header)}"
+        )
+    _check_joints(source, header, found, joint_names)
+    given = [name for name in QUANTITIES if (joint_names[0], name) in found]
+    keys = {quantity: [(joint, quantity) for joint in joint_names] for quantity in given}
+    joints = {quantity: [found[key] for key in of] for quantity, of in keys.items()}
+    factors = {
+        quantity: [
+            _factor(source, header[found[key]], units[key], kind)
+            for key, kind in zip(of, joint_units, strict=True)
+        ]
+        for quantity, of in keys.items()
+    }
+    base = [found.get(("base", name), -1) for name in BASE_COLUMNS]
+    if max(base) < 0:
+        base = []
+    base_factors = [
+        _factor(source, header[i], units["base", name], "rad" if "yaw" in name else "m")
+        if i >= 0
+        else 1.0
+        for name, i in zip(BASE_COLUMNS, base, strict=False)
+    ]
+    time_unit = TIME_UNITS.get(units["time", ""] or "s")
+    if time_unit is None:
+        raise TrajectoryError(
+            f"{source}: column {header[found['time', '']]!r} must be in {', '.join(TIME_UNITS)}"
+        )
+    return Columns(
+        found["time", ""], time_unit, joints, factors, base, base_factors, tuple(ignored)
+    )
+
+
+def _known_columns(
+    source: str, header: Sequence[str], joint_names: Sequence[str]
+) -> tuple[dict[tuple[str, str], int], dict[tuple[str, str], str], list[str]]:
+    """Index and unit of each column with a meaning (`_meaning`), and the names of all others."""
     found: dict[tuple[str, str], int] = {}
     units: dict[tuple[str, str], str] = {}
     ignored = []
@@ -77,27 +134,7 @@ def read_header(source: str, header: Sequence[str], joint_names: Sequence[str]) 
                 f"{' '.join(filter(None, key))}; only one of them may"
             )
         found[key], units[key] = index, unit
-    if ("time", "") not in found:
-        raise TrajectoryError(
-            f"{source}: there is no column 'time'; the columns are {_listed(header)}"
-        )
-    _check_joints(source, header, found, joint_names)
-    given = [name for name in QUANTITIES if (joint_names[0], name) in found]
-    keys = {quantity: [(joint, quantity) for joint in joint_names] for quantity in given}
-    joints = {quantity: [found[key] for key in of] for quantity, of in keys.items()}
-    factors = {
-        quantity: [_factor(source, header[found[key]], units[key]) for key in of]
-        for quantity, of in keys.items()
-    }
-    base = [found.get(("base", name), -1) for name in BASE_COLUMNS]
-    if max(base) < 0:
-        base = []
-    time_unit = TIME_UNITS.get(units["time", ""] or "s")
-    if time_unit is None:
-        raise TrajectoryError(
-            f"{source}: column {header[found['time', '']]!r} must be in {', '.join(TIME_UNITS)}"
-        )
-    return Columns(found["time", ""], time_unit, joints, factors, base, tuple(ignored))
+    return found, units, ignored
 
 
 def _check_joints(
@@ -141,16 +178,21 @@ def _meaning(name: str, joint_names: Sequence[str]) -> tuple[str, str] | None:
     return ("time", "") if name.lower() in TIME_NAMES else None
 
 
-def _factor(source: str, column: str, unit: str) -> float:
-    """Factor from the unit of a column to SI units."""
-    base = unit.partition("/")[0].strip()
-    factors = {"": 1.0, "rad": 1.0, "m": 1.0, "deg": np.pi / 180.0, "°": np.pi / 180.0, "mm": 1e-3}
-    if base not in factors:
+def _factor(source: str, column: str, unit: str, kind: str) -> float:
+    """Factor from the unit of a column to SI units.
+
+    Args:
+        source, column, unit: Of the column; an empty unit is the SI unit.
+        kind: "rad" for angles and their derivatives, "m" for lengths.
+    """
+    base, _, per = unit.partition("/")
+    known = UNITS[kind]
+    if unit and (base.strip() not in known or (per and not PER_TIME.fullmatch(per.strip()))):
         raise TrajectoryError(
-            f"{source}: column {column!r} must be in rad, deg, m or mm (per s, s^2, ...), not "
-            f"{unit!r}"
+            f"{source}: column {column!r} must be in {' or '.join(list(known)[:2])} (per s, s^2, "
+            f"...), not {unit!r}"
         )
-    return float(factors[base])
+    return known[base.strip()] if unit else 1.0
 
 
 def _listed(header: Sequence[str]) -> str:

@@ -34,7 +34,7 @@ ARRAYS = {
 }
 
 
-def read_csv_samples(path: Path, joint_names: Sequence[str]) -> Samples:
+def read_csv_samples(path: Path, joint_names: Sequence[str], joint_units: Sequence[str]) -> Samples:
     """Samples of a CSV file with one row per time.
 
     The first row names the columns: `time` (or t, timestamp, ...), and `JOINT.position`,
@@ -59,7 +59,7 @@ def read_csv_samples(path: Path, joint_names: Sequence[str]) -> Samples:
     except csv.Error as cause:
         raise TrajectoryError(f"cannot read {path}: {cause}") from None
     header = [name.strip() for name in rows[0][1]] if rows else []
-    columns = read_header(str(path), header, joint_names)
+    columns = read_header(str(path), header, joint_names, joint_units)
     has_point = any("." in entry for _, row in rows[1:] for entry in row)
     comma = "," if has_point or separator == "," else "."  # what a comma in a number becomes
     used = [columns.time, *(i for of in columns.joints.values() for i in of), *columns.base]
@@ -117,7 +117,7 @@ def _samples(
             )
         base = np.column_stack(
             [table[:, i] if i >= 0 else np.zeros(len(table)) for i in columns.base]
-        )
+        ) * np.array(columns.base_factors)
     return Samples(
         source,
         joint_names,
@@ -127,7 +127,11 @@ def _samples(
         base,
         columns.ignored,
         rounding,
-        any(factor != 1.0 for of in columns.factors.values() for factor in of),
+        any(
+            factor != 1.0
+            for of in (*columns.factors.values(), columns.base_factors)
+            for factor in of
+        ),
     )
 
 
