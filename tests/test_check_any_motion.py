@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -107,6 +108,64 @@ def test_a_log_with_noise_is_checked_through_smoothing_splines(
     )
     off = np.abs(of_each.positions[len(still) :][: len(t)] - q)
     assert np.sqrt((off**2).mean()) < 0.6 * noise  # nearer to the truth than the samples
+
+
+@pytest.mark.parametrize(("rate", "noise"), [(100.0, 1e-4), (500.0, 5e-4), (1000.0, 1e-3)])
+def test_a_noisy_log_that_is_cut_off_in_motion_does_not_end_at_rest(
+    rate: float, noise: float, tmp_path: Path, capsys: Capture
+) -> None:
+    """Not even if neighbouring samples are as far apart by noise as by the motion."""
+    t, q, v, _ = trapezoid(rate, speed=0.3, gain=0.2)
+    still = np.arange(1.0, 0.5 * rate) / rate
+    cut = t < 0.5 * t[-1]
+    assert np.abs(v[cut][-1, 0]) == pytest.approx(0.3, abs=1e-3)
+    true = np.concatenate([np.repeat(q[:1], len(still), axis=0), q[cut]])
+    measured = true + noise * np.random.default_rng(7).normal(size=true.shape)
+    path = tmp_path / "cut.csv"
+    write_csv_samples(path, JOINTS, np.append(still, t[cut] + 0.5), [measured], None)
+    code, found = run("feller_buncher", path, "--noise", noise, capsys=capsys)
+    assert (code, found["safe"]) == (1, False)
+    assert "ends in motion" in found["fault"]
+    assert "slew turns at 0.3 rad/s" in found["fault"]
+    assert "begins in motion" not in found["fault"]
+
+
+@pytest.mark.parametrize(("beyond", "kept"), [(0.3, True), (3.5, False)])
+def test_noise_explains_little_of_what_is_beyond_a_position_limit(
+    beyond: float, kept: bool, tmp_path: Path, capsys: Capture
+) -> None:
+    machine, noise, rate = zs.load_machine("feller_buncher"), 2e-3, 50.0
+    top = machine.limits.position_upper[1] + beyond * noise
+    t = np.arange(0.0, 9.0, 1.0 / rate)
+    s = np.clip((t - 1.5) / 6.0, 0.0, 1.0)
+    start = np.array([0.0, -0.3, -2.0, 0.5, -1.5])
+    goal = np.array([0.0, top, -2.0, 0.5, -1.5])
+    true = start + np.outer(10 * s**3 - 15 * s**4 + 6 * s**5, goal - start)
+    measured = true + noise * np.random.default_rng(3).normal(size=true.shape)
+    path = tmp_path / "log.csv"
+    write_csv_samples(path, JOINTS, t, [measured], None)
+    _, found = run("feller_buncher", path, "--noise", noise, capsys=capsys)
+    (limit,) = (
+        row for row in found["limits"] if row["joint"] == "boom" and "upper" in row["limit"]
+    )
+    assert limit["kept"] is kept
+    main(["check", "feller_buncher", str(path), "--noise", str(noise)])
+    said = " ".join(capsys.readouterr().out.split())
+    assert "at most 0.004 over position limits" in said
+
+
+def test_a_gap_in_a_log_is_told_of(tmp_path: Path, capsys: Capture) -> None:
+    t, q, _, _ = trapezoid(50.0)
+    kept = (t < 1.0) | (t > 1.7)
+    path = tmp_path / "gap.csv"
+    write_csv_samples(path, JOINTS, t[kept], [q[kept]], None)
+    _, found = run("feller_buncher", path, capsys=capsys)
+    (hint,) = (text for text in found["hints"] if "no sample" in text)
+    assert re.search(r"between (0.98|1.00) and 1.7\d s there is no sample", hint)
+    write_csv_samples(path, JOINTS, t, [q], None)
+    assert not any(
+        "no sample" in text for text in run("feller_buncher", path, capsys=capsys)[1]["hints"]
+    )
 
 
 def test_smoothing_follows_a_motion_without_noise_as_closely_as_it_is_told(tmp_path: Path) -> None:

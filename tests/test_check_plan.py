@@ -120,6 +120,8 @@ def test_a_question_of_ones_own_is_not_added(plan: Path, tmp_path: Path, capsys:
     assert path.read_bytes() == plan.read_bytes()
     assert main(["check", str(path), "--rigorous", "--margin", "0.05"]) == 0
     assert "is left as it is" in capsys.readouterr().out
+    main(["check", str(path), "--rigorous", "--noise", "1e-4"])
+    assert "is left as it is" in capsys.readouterr().out
     checked(path, "--rigorous", "--scenario", "paper_1", capsys=capsys)
     assert path.read_bytes() == plan.read_bytes()
 
@@ -249,3 +251,20 @@ def test_random_damage_is_refused_or_unsafe_and_never_a_traceback(
     if code == 0:  # nothing that the verdict rests on was hit
         rests = ("scenario_text", "margin_asked")
         assert all(content[name] == before[name] for name in rests)
+
+
+def test_a_plan_whose_motion_goes_elsewhere_is_told_of(
+    plan: Path, tmp_path: Path, capsys: Capture
+) -> None:
+    """The margin does not show it: the paper's heads are point masses."""
+    content = json.loads(plan.read_text(encoding="utf-8"))
+    trajectory = content["trajectory"]
+    for point in trajectory["points"]:
+        point["positions"][4] += 1.0
+    path = tmp_path / "plan.json"
+    path.write_text(json.dumps(content), encoding="utf-8")
+    assert checked(plan, capsys=capsys)["hints"] == []
+    main(["check", str(path)])
+    said = " ".join(capsys.readouterr().out.split())
+    assert "begins elsewhere than at the start of the scenario: head is 1 rad away" in said
+    assert "ends elsewhere than at the goal of the scenario: head is 1 rad away" in said

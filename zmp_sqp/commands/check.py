@@ -11,7 +11,9 @@ import numpy as np
 
 from zmp_sqp.arrays import Array
 from zmp_sqp.commands.check_motion import (
+    elsewhere_hints,
     finite,
+    gap_hint,
     hints_on,
     jump_hint,
     limit_allowance,
@@ -119,7 +121,7 @@ CHECK_KEYS = f"""\
                        joints), departure: by joint, largest difference from the given position,
                        velocity and acceleration, and bound on the distance from straight lines
                        (between); null if the file was read exactly
-  hints                units that look wrong, in sentences
+  hints                units that look wrong, gaps, another start or goal: sentences
   duration             [s]
   gap                  relative excess of the duration over its lower bound from the limits of
                        joints and base; null if the base drives without --base-limits
@@ -325,7 +327,9 @@ def _checked(
         "limits": limit_fields(peaks),
         "motion": motion_fields(read),
         "hints": hints_on(read.samples, trajectory, machine, degrees=arguments.degrees)
-        + (noise_hint(read, machine) or jump_hint(read, peaks)),
+        + (noise_hint(read, machine) or jump_hint(read, peaks))
+        + gap_hint(read)
+        + elsewhere_hints(question.problem, trajectory),
         "rests_on": basis_fields(basis),
         "versions": installed_versions(),
         "basis": basis,

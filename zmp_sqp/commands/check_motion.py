@@ -12,12 +12,14 @@ from zmp_sqp.mechanics import Machine
 from zmp_sqp.motion.interpolation import SMOOTHED
 from zmp_sqp.motion.reading import EXACT, ROUNDING_PER_NOISE, RecordedMotion
 from zmp_sqp.motion.samples import Samples
-from zmp_sqp.planning import Trajectory
+from zmp_sqp.planning import Problem, Trajectory
 from zmp_sqp.planning.proof.limits_in_time import LimitPeak, joints_least_duration
 
 __all__ = [
+    "elsewhere_hints",
     "ends_in_motion",
     "finite",
+    "gap_hint",
     "hints_on",
     "jump_hint",
     "limit_allowance",
@@ -30,6 +32,10 @@ __all__ = [
 REST = 1e-6  # [rad/s or m/s] rates that count as rest
 # largest share of a rate or acceleration limit that counts as rounding of a file's digits
 MOST_ROUNDING = 0.01
+# a step this many times as long as the median is a gap, where there are so many steps
+GAP, LEAST_STEPS = 5.0, 10
+ELSEWHERE = 1e-3  # [rad or m] distance from the scenario's start or goal that is mentioned
+MOST_AT_REST = 0.05  # the same of a rate limit for rates at the ends that count as rest
 RULES = {
     "linear": "straight lines through the positions",
     "spline": "cubics with continuous accelerations through the positions",
@@ -93,18 +99,20 @@ def motion_lines(read: RecordedMotion, machine: Machine, allowance: Array | None
             if off.max() > LEAST_OFF
         ]
         if read.rule == SMOOTHED:
-            distance = samples.error_of("position") / ROUNDING_PER_NOISE
+            distance = float(np.max(samples.error_of("position"))) / ROUNDING_PER_NOISE
             lines.append(f"{distance:.2g} rad or m from them in the mean: noise of the measurement")
         between = _largest(departure.between, machine, "")
         lines.append(f"between samples at most {between} from the straight line")
     if samples.ignored:
         lines.append(f"not used: {', '.join(samples.ignored)}")
-    if allowance is not None and allowance[2:].max() > LEAST_SAID:
+    if allowance is not None and allowance.max() > LEAST_SAID:
         words = [
             f"{float(allowance[row].max()):.2g} over {what} limits"
-            for row, what in ((2, "velocity"), (3, "acceleration"))
+            for row, what in ((0, "position"), (2, "velocity"), (3, "acceleration"))
+            if allowance[row].max() > LEAST_SAID
         ]
-        lines.append(f"at most {' and '.join(words)} count as kept (--limit-tolerance)")
+        listed = " and ".join(filter(None, (", ".join(words[:-1]), words[-1])))
+        lines.append(f"at most {listed} count as kept (--limit-tolerance)")
     return lines
 
 
@@ -114,17 +122,18 @@ def _largest(values: Array, machine: Machine, per: str) -> str:
     return f"{values[joint]:.2g} {machine.joint_units[joint]}{per} ({machine.joint_names[joint]})"
 
 
-def ends_in_motion(trajectory: Trajectory, side: int, rounding: float, machine: Machine) -> str:
+def ends_in_motion(trajectory: Trajectory, side: int, rounding: Any, machine: Machine) -> str:
     """What still moves at the start (side 0) or the end (side -1), in words; empty at rest.
 
     Args:
         trajectory: The motion.
         side: Index of the node.
-        rounding: Rounding error of the velocities [rad/s or m/s].
-        machine: Gives the units of the joints.
+        rounding: Error of the velocities, one number or one per joint [rad/s or m/s]; more than
+            `MOST_AT_REST` of a joint's limit is no rest.
+        machine: Gives units and limits of the joints.
     """
-    rates = np.abs(trajectory.velocities[side])
-    rest = REST + 1.01 * rounding
+    rates, limit = np.abs(trajectory.velocities[side]), machine.limits.velocity
+    rest = REST + np.fmin(1.01 * np.asarray(rounding), MOST_AT_REST * limit)
     moving = []
     for joint in np.flatnonzero(rates > rest).tolist():
         unit = machine.joint_units[joint]
@@ -132,9 +141,10 @@ def ends_in_motion(trajectory: Trajectory, side: int, rounding: float, machine: 
         moving.append(f"{trajectory.joint_names[joint]} {verb} at {rates[joint]:.2g} {unit}/s")
     if trajectory.base is not None:
         speed, spin = np.abs(trajectory.base.velocities[side])
-        if speed > rest:
+        still = REST + 1.01 * float(np.max(rounding))
+        if speed > still:
             moving.append(f"the base drives at {speed:.2g} m/s")
-        if spin > rest:
+        if spin > still:
             moving.append(f"the base turns at {spin:.2g} rad/s")
     if not moving:
         return ""
@@ -276,5 +286,35 @@ def hints_on(
             hints.append(
                 f"the motion takes {trajectory.duration:.4g} s where the joints need {least:.3g} s:"
                 " are the times in milliseconds (name the column 'time [ms]' then)?"
+            )
+    return hints
+
+
+def gap_hint(read: RecordedMotion) -> list[str]:
+    """Says where samples seem to be missing: the rule of interpolation alone decides there."""
+    steps = np.diff(read.samples.times)
+    usual, k = float(np.median(steps)), int(np.argmax(steps))
+    if read.rule == EXACT or len(steps) < LEAST_STEPS or steps[k] <= GAP * usual:
+        return []
+    first, last = read.samples.times[k : k + 2]
+    return [
+        f"between {first:.2f} and {last:.2f} s there is no sample, where others are {usual:.3g} s "
+        "apart: what the machine did meanwhile is not known, and taken to be a smooth motion"
+    ]
+
+
+def elsewhere_hints(problem: Problem | None, trajectory: Trajectory) -> list[str]:
+    """Says where a motion does not begin at a scenario's start, or not end at its goal."""
+    hints = []
+    for verb, end, side in (("begins", "start", 0), ("ends", "goal", -1)):
+        if problem is None:
+            break
+        off = np.abs(trajectory.positions[side] - getattr(problem, end))
+        joint = int(off.argmax())
+        if off[joint] > ELSEWHERE:
+            unit = problem.machine.joint_units[joint]
+            hints.append(
+                f"the motion {verb} elsewhere than at the {end} of the scenario: "
+                f"{trajectory.joint_names[joint]} is {off[joint]:.2g} {unit} away"
             )
     return hints

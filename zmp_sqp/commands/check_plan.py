@@ -73,6 +73,6 @@ def add_opinion(
 
 def _plain(arguments: argparse.Namespace) -> bool:
     """Whether no option changes what is asked of a plan or how its motion is read."""
-    options = ("margin", "interpolation", "limit_tolerance")
+    options = ("margin", "interpolation", "limit_tolerance", "noise")
     unset = all(getattr(arguments, name) is None for name in options)
     return unset and not (arguments.degrees or arguments.constraints)

@@ -85,8 +85,8 @@ def cubic_motion(names: tuple[str, ...], times: Array, q: Array, v: Array) -> Tr
 
 def smoothed_motion(
     names: tuple[str, ...], times: Array, q: Array, noise: Array
-) -> Trajectory | None:
-    """Motion of smoothing cubic splines, or None where they do not come near enough to the samples.
+) -> tuple[Trajectory, Array] | None:
+    r"""Motion of smoothing cubic splines; None where they do not come near enough to the samples.
 
     Each spline has as few knots as leave it at a mean square distance from the samples of the
     square of the noise. Its knots are samples, so that it is a cubic between any two of them.
@@ -96,19 +96,30 @@ def smoothed_motion(
         times: Shape (K,), from 0 on [s]; K is at least 4.
         q: Positions, shape (K, n) [rad or m].
         noise: Standard deviation of the noise of each joint's positions, shape (n,) [rad or m].
+
+    Returns:
+        The motion, and the standard deviation of each joint's rate at its ends, shape (n,) [rad/s
+        or m/s]: that of the slope at the end of a cubic through m samples with the noise sigma on
+        the spline's first or last piece, which has the length L (by Legendre polynomials)
+
+        .. math:: \frac{2}{L} \sqrt{\frac{\sigma^2}{m} \sum_{k=0}^3 (2 k + 1) P_k'(1)^2}
+                  = \frac{2 \sigma}{L} \sqrt{\frac{300}{m}}
     """
     from scipy.interpolate import UnivariateSpline
 
-    found, rates = np.empty_like(q), np.empty_like(q)
+    found, rates, slopes = np.empty_like(q), np.empty_like(q), np.empty(len(noise))
+    h = (times[-1] - times[0]) / (len(times) - 1)
     with without_warnings():  # what does not come near enough is found below
         for j, sigma in enumerate(noise):
             weights = np.full(len(times), 1.0 / sigma)
             spline = UnivariateSpline(times, q[:, j], w=weights, s=len(times), k=3)
             found[:, j], rates[:, j] = spline(times), spline(times, nu=1)
+            piece = float(np.diff(spline.get_knots())[[0, -1]].min())
+            slopes[j] = 2.0 * sigma / piece * np.sqrt(300.0 * h / piece)
     distance = np.sqrt(((found - q) ** 2).mean(axis=0))
     if not (distance <= ABOVE_NOISE * noise).all():
         return None
-    return cubic_motion(names, times, found, rates)
+    return cubic_motion(names, times, found, rates), slopes
 
 
 def quintic_motion(

@@ -54,7 +54,8 @@ FEWEST_TO_SMOOTH = 8  # samples
 # mean distance from the samples that smoothing may have: multiple of the noise that they show, and
 # [rad or m]
 MOST_TAKEN, LEAST_TAKEN = 2.0, 1e-5
-ROUNDING_PER_NOISE = 3.0  # error of a smoothed position that counts, per noise
+ROUNDING_PER_NOISE = 2.0  # error of a smoothed position that counts, per noise
+DEVIATIONS = 3.0  # standard deviations of the rates at the ends that count as rest
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -196,15 +197,15 @@ def _smoothed(
         raise TrajectoryError(
             f"{samples.source}: smoothing needs at least {FEWEST_TO_SMOOTH} samples"
         )
-    motion = smoothed_motion(samples.joint_names, samples.times, samples.values["position"], sigma)
-    if motion is None:
+    found = smoothed_motion(samples.joint_names, samples.times, samples.values["position"], sigma)
+    if found is None:
         raise TrajectoryError(
             f"{samples.source}: no smoothing spline passes the samples at {sigma.max():g} rad or "
             "m; is the noise larger, or are samples too far apart?"
         )
+    motion, slopes = found
     _check_smoothing(samples, motion, sigma, machine)
-    largest, h = float(sigma.max()), float(np.diff(samples.times).mean())
-    rounding = {"position": ROUNDING_PER_NOISE * largest, "velocity": 2.0 * largest / h}
+    rounding = {"position": ROUNDING_PER_NOISE * sigma, "velocity": DEVIATIONS * slopes}
     known = replace(samples, values={"position": samples.values["position"]}, rounding=rounding)
     return RecordedMotion(motion, SMOOTHED, known, Departure.of(known, motion))
 

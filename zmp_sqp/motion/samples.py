@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -30,8 +32,8 @@ class Samples:
         base: Base motion in the format of `UnicycleMotion.table`, shape (K, 9); None if there is
             none.
         ignored: Names of columns or joints that were left out.
-        rounding: Largest rounding error of times and of each quantity, in its unit, by the digits
-            of the file; None is zero.
+        rounding: Largest error of times and of each quantity, in its unit, by the digits of the
+            file, or by the noise of each joint, shape (n,); None is zero.
         converted: Whether units that the file gives beside its columns were converted.
 
     Raises:
@@ -46,7 +48,7 @@ class Samples:
     values: dict[str, Array]
     base: Array | None = None
     ignored: tuple[str, ...] = ()
-    rounding: dict[str, float] | None = None
+    rounding: Mapping[str, Any] | None = None
     converted: bool = False
 
     def __post_init__(self) -> None:
@@ -95,6 +97,6 @@ class Samples:
         kept = third[: max(1, int(KEPT_SHARE * len(third)))]
         return np.asarray(np.sqrt((kept**2).mean(axis=0) / (20.0 * KEPT_VARIANCE)))
 
-    def error_of(self, quantity: str) -> float:
-        """Largest rounding error of a quantity or of "time" in the file."""
+    def error_of(self, quantity: str) -> Any:
+        """Largest rounding error of a quantity or of "time": a number, or one per joint (n,)."""
         return (self.rounding or {}).get(quantity, 0.0)
