@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import factorial
 
 import numpy as np
 import pytest
 
 import zmp_sqp as zs
 from benchmarks.problems.paper import paper_scene
-from zmp_sqp.mechanics.bounds.effort_norms import body_norms
+from zmp_sqp.mechanics.bounds.effort_norms import Norms, body_norms
 from zmp_sqp.mechanics.wrench import efforts
 from zmp_sqp.motion.interpolation import cubic_motion, quintic_motion
 from zmp_sqp.motion.unicycle_motion import UnicycleMotion
@@ -73,6 +74,28 @@ def test_certified_margins_are_just_below_dense_samples(first: int) -> None:
         assert found.margin >= sampled - 1e-4 * (1.0 + abs(sampled)), seed
         contact = next(row for row in found.guarantees if row.name == "contact")
         assert contact.proven
+
+
+@pytest.mark.parametrize("name", ["forwarder_crane", "mobile_manipulator"])
+def test_one_quintic_over_many_seconds_is_certified_as_closely(name: str) -> None:
+    """Two-point motions of up to 8 s, also of joints that slide: their terms cancel a lot."""
+    machine, rng, with_margin = zs.load_machine(name), np.random.default_rng(11), 0
+    limits = machine.limits
+    lower, upper = np.maximum(limits.position_lower, -2.0), np.minimum(limits.position_upper, 2.0)
+    for _ in range(40):
+        T, q = rng.uniform(2.0, 8.0), rng.uniform(lower, upper)
+        goal = q + rng.uniform(-0.4, 0.4, machine.size) * T * np.minimum(limits.velocity, 3.0)
+        v = rng.uniform(-0.3, 0.3, (2, machine.size)) * limits.velocity
+        a = rng.uniform(-0.3, 0.3, (2, machine.size)) * np.minimum(limits.acceleration, 3.0)
+        times, both = np.array([0.0, T]), np.stack([q, goal])
+        motion = quintic_motion(machine.joint_names, times, both, v, a)
+        found = zs.certify(machine, motion, zs.Slope())
+        sampled = zs.stability_margin(machine, *dense(motion, 2000), zs.Slope()).min()
+        if not (np.isfinite(sampled) and sampled > 0.02):
+            continue
+        with_margin += 1
+        assert sampled + 1e-9 >= found.margin >= sampled - 1e-3
+    assert with_margin >= 10
 
 
 def test_more_than_half_of_those_motions_have_a_margin() -> None:
@@ -277,7 +300,18 @@ def test_norms_at_complex_times_bound_the_polynomials_there(seed: int) -> None:
     centre, half = rng.uniform(0.2, 0.8, 12) * h, 0.2 * h
     rho = rng.uniform(1.1, 20.0, (1, 12))
     A, B = half * (rho + 1.0 / rho) / 2.0, half * (rho - 1.0 / rho) / 2.0
-    norms = _norms(body_norms([MACHINE]), motion, k, centre, A, B, 9.81)
+    of_both = _norms(
+        body_norms([MACHINE]), motion, k, centre, np.vstack([h, A]), np.vstack([0.0 * h, B]), 9.81
+    )
+    # row 0: sums of the absolute values of all terms, at the end of the interval
+    powers = [h[:, None] ** i / factorial(i) for i in range(6)]
+    derivatives = (motion.positions, motion.velocities, motion.accelerations)
+    derivatives += (motion.jerks, motion.snaps, motion.crackles)
+    for order, found in ((1, of_both.v), (2, of_both.a)):
+        sums = sum(powers[i] * np.abs(term[k]) for i, term in enumerate(derivatives[order:]))
+        np.testing.assert_allclose(found[:, :12], np.asarray(sums).T, rtol=1e-12)
+    assert not of_both.imaginary[:, :12].any()
+    norms = Norms(*(part[..., 12:] for part in of_both))
     terms = (
         motion.positions,
         motion.velocities,

@@ -239,9 +239,8 @@ def _pieces(
     steps = np.diff(trajectory.times)
     length = (steps / parts)[interval]
     since = number * length
-    # Row 0 is for rounding: states are computed from the start of the interval, and with twice its
-    # length the norms exceed the sum of the absolute values of all terms, v_0 + h a_0 + h^2 j / 2.
-    A = np.vstack([2.0 * steps[interval], 0.25 * np.outer(ELLIPSES + 1.0 / ELLIPSES, length)])
+    # row 0 is for rounding, see `_norms`
+    A = np.vstack([steps[interval], 0.25 * np.outer(ELLIPSES + 1.0 / ELLIPSES, length)])
     B = np.vstack([0.0 * length, 0.25 * np.outer(ELLIPSES - 1.0 / ELLIPSES, length)])
     norms = _norms(bodies, trajectory, interval, since + 0.5 * length, A, B, strength)
     found = effort_size(bodies, norms, joints=joints)
@@ -269,28 +268,34 @@ def _norms(
 ) -> Norms:
     """Norms of the motion at all complex times on ellipses about the pieces' centres.
 
+    Row 0 is for rounding instead. States are computed from the start of the interval, so that its
+    norms are sums of the absolute values of all terms, v_0 + h a_0 + h^2 j_0 / 2 and so on. Those
+    of a base are taken about the centre with twice the length, which exceeds them.
+
     Args:
         bodies: Norms of the machine's bodies.
         trajectory: The motion.
         interval: Interval of each piece, shape (P,).
         centre: Centre of each piece after the start of its interval, shape (P,) [s].
-        A: Real semi-axes, shape (E, P) [s].
-        B: Imaginary semi-axes, shape (E, P) [s].
+        A: Real semi-axes, but the length of the interval in row 0, shape (E, P) [s].
+        B: Imaginary semi-axes, but zero in row 0, shape (E, P) [s].
         strength: Norm of gravity [m/s^2].
 
     Returns:
         Norms with K = E P columns.
     """
+    rows = zip(
+        _derivatives(trajectory, interval, 0.0 * centre),
+        _derivatives(trajectory, interval, centre),
+        strict=True,
+    )
     q, v, a, j, *higher = (
-        np.ascontiguousarray(np.abs(part).T)[:, None]
-        for part in (
-            *trajectory.state_in(interval, centre),
-            *trajectory.higher_in(interval, centre),
-        )
-    )  # (n, 1, P)
+        np.concatenate([first, np.broadcast_to(other, (len(first), len(A) - 1, A.shape[1]))], 1)
+        for first, other in rows
+    )  # (n, E, P)
     n, zero = len(q), np.zeros(A.size)
     change = A * j
-    rate = A * (0.5 * change + a) + v  # (n, E, P)
+    rate = A * (0.5 * change + a) + v
     if higher:
         s, c = higher
         change = change + A**2 * (0.5 * s + A * c / 6.0)
@@ -302,6 +307,7 @@ def _norms(
     if trajectory.base is None:
         return Norms(*of_joints, zero, zero, zero + strength)
     peak = trajectory.base.peaks(interval, centre, 0.0 * centre)  # (2, 3, P)
+    A = np.vstack([2.0 * A[:1], A[1:]])
     (speed, acceleration_s, jerk), (spin, turn, yaw_jerk) = peak
     speed = speed + A * (acceleration_s + 0.5 * A * jerk)
     spin = spin + A * (turn + 0.5 * A * yaw_jerk)
@@ -309,6 +315,12 @@ def _norms(
     along = acceleration_s + A * jerk
     root_acceleration = along + speed * spin + strength * np.exp(B * spin)
     return Norms(*of_joints, spin.ravel(), (turn + A * yaw_jerk).ravel(), root_acceleration.ravel())
+
+
+def _derivatives(trajectory: Trajectory, interval: Indices, since: Array) -> tuple[Array, ...]:
+    """Absolute values of q and its derivatives at times in intervals, shape (n, 1, P) each."""
+    state = *trajectory.state_in(interval, since), *trajectory.higher_in(interval, since)
+    return tuple(np.ascontiguousarray(np.abs(part).T)[:, None] for part in state)
 
 
 def _values(efforts: CornerEfforts, pieces: _Pieces, chosen: Indices) -> Array:
@@ -350,10 +362,10 @@ def _rounding(pieces: _Pieces, efforts: CornerEfforts, chosen: Indices) -> Effor
     ends = trajectory.positions[:-1], trajectory.velocities[:-1], trajectory.accelerations
     q, v, a = (np.abs(part)[pieces.interval] for part in ends)
     j, h = np.abs(trajectory.jerks[pieces.interval]), h[:, None]
-    reach = q + h * (v + h * a + h**2 * j)
+    reach = q + h * (v + h * (0.5 * a + h * j / 6.0))  # all terms of the coordinates
     if trajectory.snaps is not None:
         s, c = (np.abs(part)[pieces.interval] for part in (trajectory.snaps, trajectory.crackles))
-        reach = reach + h**4 * (s + h * c)
+        reach = reach + h**4 * (s / 24.0 + h * c / 120.0)
     turned = coupling.largest_positions(reach).sum(axis=1)
     if (base := trajectory.base) is not None:
         (_, (spin, _, _)) = base.peaks(pieces.interval, 0.0 * pieces.since, h[:, 0])
