@@ -26,6 +26,7 @@ from zmp_sqp.planning.search.prove import prove
 from zmp_sqp.planning.search.run import Runs
 from zmp_sqp.planning.search.task import task_of
 from zmp_sqp.scenario import load_scenario
+from zmp_sqp.sqp.backends.piqp import PIQP
 
 SAME = 1e-4  # relative difference of durations, the issue's
 ACTIVE = (5, 25, 30, 204)  # seeds of hard problems whose tip-over limit costs time
@@ -570,3 +571,29 @@ def test_one_slow_certificate_does_not_leave_a_planner_without_time_for_ever():
         if np.allclose(plan.trajectory.positions[-1], goal, atol=1e-5):
             return
     pytest.fail("no motion to the new goal")
+
+
+@pytest.mark.parametrize(("step", "finds"), [(7e-4, True), (4e-3, False)])
+def test_a_machine_at_rest_leaves_it_by_a_motion_on_few_intervals_or_says_why_not(
+    step: float, finds: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """With 10 ms, of which a QP takes `step` times the intervals, by a clock of this test alone."""
+    problem, now = load_scenario("paper_1").problem, [0.0]
+    solve = PIQP.solve
+
+    def slow(self, qp, **options):
+        now[0] += step * qp.size / 10.0  # about ten variables per interval
+        return solve(self, qp, **options)
+
+    monkeypatch.setattr(PIQP, "solve", slow)
+    planner = planner_of(problem, clock=lambda: now[0])
+    said = []
+    for _ in range(20):
+        plan = planner.plan(problem.start, problem.goal, time_budget=0.01)
+        assert plan.success  # a stop where there is nothing else
+        said.append(plan.message)
+        if plan.status is not zs.Status.STOP:
+            break
+    assert (plan.status is not zs.Status.STOP) is finds
+    if not finds:
+        assert any("No step of the search fits into the 10 ms" in text for text in said)

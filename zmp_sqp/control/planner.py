@@ -250,10 +250,12 @@ class Planner:
             optional = proven is not None or spared
             if optional and budget is not None:
                 runs.ends = runs.started + budget
-            effort = self._effort(problem, earlier.guess, runs, optional=optional, coarse=first)
+            effort = self._effort(
+                problem, earlier.guess, runs, optional=optional, coarse=first or proven is None
+            )
             effort = effort._replace(probes=effort.probes and not ready.probed)
             self._starved = not effort.fits
-            advice = "" if effort.fits or budget is None else self._advice(budget, effort)
+            advice = "" if budget is None else self._advice(budget, effort, earlier.guess)
             proven, unfinished = replanned(task, earlier, ready, runs, effort, spared=spared)
             # every other call has all of its time for the search proper
             vain = effort.probes and unfinished is None and not proven.status.success
@@ -312,15 +314,27 @@ class Planner:
         runs.deadline -= min(step, 0.5 * max(left, 0.0)) if fits else max(left, 0.0)
         return Effort(intervals, probes=not self._refused_probe, fits=fits)
 
-    def _advice(self, budget: float, effort: Effort) -> str:
-        """Sentence about a search for which the time budget leaves no step, to be appended."""
+    def _advice(self, budget: float, effort: Effort, guess: Remains | None) -> str:
+        """Sentence about a budget that is too short for the search, to be appended; or empty."""
         step, proof = self._measured[0] * effort.intervals, self._measured[1]
-        if step == 0.0 or proof == 0.0:
+        if effort.fits:
+            given_up = guess is not None and guess.memory.unfinished >= GIVEN_UP
+            return (
+                f" The search has not ended within {GIVEN_UP + 1} calls of {1e3 * budget:.3g} ms, "
+                "and begins anew: give more time, or fewer intervals."
+                if given_up
+                else ""
+            )
+        if step == 0.0:
             return ""  # not known yet
+        of_proof = (
+            ""
+            if proof == 0.0
+            else f", and a certificate, of which there may be two, {1e3 * proof:.3g}"
+        )
         return (
             f" No step of the search fits into the {1e3 * budget:.3g} ms: a step takes about "
-            f"{1e3 * step:.3g} ms, and a certificate, of which there may be two, {1e3 * proof:.3g}."
-            " Give more time."
+            f"{1e3 * step:.3g} ms{of_proof}. Give more time."
         )
 
     def _spare(self, last: Remains | None, fields: Mapping[str, Any], runs: Runs) -> Plan | None:
