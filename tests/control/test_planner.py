@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import zmp_sqp as zs
+import zmp_sqp.control.planner as planner_module
 from benchmarks.problems.arm import HARD, random_problem
 from benchmarks.problems.paper import paper_scene
 from benchmarks.problems.scene import GRAVITY
@@ -597,3 +598,37 @@ def test_a_machine_at_rest_leaves_it_by_a_motion_on_few_intervals_or_says_why_no
     assert (plan.status is not zs.Status.STOP) is finds
     if not finds:
         assert any("No step of the search fits into the 10 ms" in text for text in said)
+
+
+def test_a_machine_that_still_stands_is_not_certified_again(monkeypatch: pytest.MonkeyPatch):
+    """Stops within a budget cost no time where nothing has changed."""
+    problem, made = load_scenario("paper_1").problem, []
+    stop = planner_module.stop_plan
+
+    def counted(*given, **options):
+        made.append(given)
+        return stop(*given, **options)
+
+    monkeypatch.setattr(planner_module, "stop_plan", counted)
+    planner = planner_of(problem)
+    tall = problem.machine.with_payload(zs.Payload(mass=3000.0, com=(0.0, 0.0, 1.0), frame="head"))
+    start, rest = problem.start, np.zeros(5)
+
+    def stopped(q=start, v=rest):
+        fields = planner._fields(np.array(q), np.array(v), None)
+        return planner._stop(fields, planner._runs(None, None))
+
+    first = stopped()
+    assert first.success
+    assert stopped() is first
+    assert len(made) == 1
+    planner.margin = 0.05
+    assert stopped().certificate.required == 0.05
+    planner.ground = zs.Slope(roll=0.1)
+    assert stopped().problem.ground.roll == 0.1
+    planner.machine = tall
+    assert stopped().problem.machine is tall
+    assert stopped(q=start + 0.01).trajectory.positions[0][0] == start[0] + 0.01
+    for _ in range(2):
+        assert stopped(v=rest + 0.01).duration > 0.0
+    assert len(made) == 7

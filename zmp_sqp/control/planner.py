@@ -14,7 +14,7 @@ from zmp_sqp.arrays import Array, finite_number, frozen_array, shortened
 from zmp_sqp.blas import one_blas_thread
 from zmp_sqp.control.measured import widened_limits, within_limits
 from zmp_sqp.control.memory import Memory
-from zmp_sqp.control.question import Question
+from zmp_sqp.control.question import Question, Standing
 from zmp_sqp.control.replan import (
     Earlier,
     Effort,
@@ -102,6 +102,8 @@ class Planner:
     _begins: float = field(default=0.0, init=False, repr=False)
     # last motion to the goal of a search that has not succeeded yet
     _guess: Memory | None = field(default=None, init=False, repr=False)
+    # plan to stay where the machine stood at the last stop
+    _standing: Standing | None = field(default=None, init=False, repr=False)
     # what the last call asked for
     _question: Question | None = field(default=None, init=False, repr=False)
     _in_use: SoleUse = field(default_factory=SoleUse, init=False, repr=False)
@@ -436,7 +438,8 @@ class Planner:
     def _stop(self, fields: Mapping[str, Any], runs: Runs, *, quick: bool = False) -> Plan:
         """Fastest certified motion to rest from the state now.
 
-        It is searched for even if the budget has run out: a machine in motion needs an answer.
+        It is searched for even if the budget has run out: a machine in motion needs an answer. One
+        that still stands where it stood gets that of the last call.
 
         Args:
             fields: Arguments of `Problem` but the goal.
@@ -444,12 +447,16 @@ class Planner:
             quick: As for `stop_plan`.
         """
         own = {**fields, "intervals": STOP_INTERVALS, "model": "full"}
+        if self._standing is not None and self._standing.answers(own):
+            return self._standing.plan
         backend = backend_of(self.qp_solver)
         unlimited = Runs.start(backend, None, runs.progress, clock=self.clock)
         plan = stop_plan(own, unlimited, self.qp_solver, quick=quick)
         runs.history.extend(unlimited.history)
         runs.runs.extend(unlimited.runs)
-        return replace(plan, status=Status.STOP) if plan.success else plan
+        plan = replace(plan, status=Status.STOP) if plan.success else plan
+        self._standing = Standing.of(own, plan)
+        return plan
 
     def _refused(self, fault: ProblemError, fields: Mapping[str, Any], runs: Runs) -> Plan:
         """Stop from a state that no plan can start from; raises the fault if that is elsewhere.

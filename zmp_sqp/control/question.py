@@ -13,8 +13,9 @@ from zmp_sqp.mechanics.ground import Slope
 from zmp_sqp.mechanics.workspace import workspace_of
 from zmp_sqp.planning.problem.problem import Problem
 from zmp_sqp.planning.program.rows import BoundConstraints
+from zmp_sqp.planning.search.answer import Plan
 
-__all__ = ["Question"]
+__all__ = ["Question", "Standing"]
 
 STATE = ("start", "start_velocity")  # arguments that every call changes
 
@@ -62,6 +63,35 @@ class Question:
         if not all(_is_same(self.given[name], arguments[name]) for name in others):
             return None
         return self.problem.from_start(*(arguments[name] for name in STATE))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Standing:
+    """Certified plan to stay where the machine stands, for the next call that asks for it.
+
+    Attributes:
+        given: Arguments of the problem, copied as in `Question`.
+        version: Version of the machine's model.
+        plan: The plan.
+    """
+
+    given: Mapping[str, Any]
+    version: int
+    plan: Plan
+
+    @classmethod
+    def of(cls, arguments: Mapping[str, Any], plan: Plan) -> Standing | None:
+        """Plan of a machine at rest on a slope, whose base does not drive; None for any other."""
+        moves = np.any(arguments["start_velocity"]) or arguments["base"] is not None
+        if moves or not plan.success or not isinstance(arguments["ground"], Slope):
+            return None
+        given = {name: _copied(value) for name, value in arguments.items()}
+        return cls(given, workspace_of(arguments["machine"].model).version, plan)
+
+    def answers(self, arguments: Mapping[str, Any]) -> bool:
+        """Whether it is the answer to a problem with these arguments, too."""
+        same = all(_is_same(self.given[name], value) for name, value in arguments.items())
+        return same and workspace_of(arguments["machine"].model).version == self.version
 
 
 def _copied(value: Any) -> Any:
