@@ -47,7 +47,7 @@ def within(name: str, *packages: str) -> bool:
     return any(name == package or name.startswith(f"{package}.") for package in packages)
 
 
-FOUNDATION = {f"zmp_sqp.{name}" for name in ("arrays", "blas", "errors", "lazy")}
+FOUNDATION = {f"zmp_sqp.{name}" for name in ("arrays", "blas", "cached", "errors", "lazy", "locks")}
 LAYERS = {  # what a wing may import besides itself and the foundation
     "zmp_sqp.mechanics": (),
     "zmp_sqp.sqp": (),
