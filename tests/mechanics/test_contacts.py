@@ -269,7 +269,9 @@ def test_a_machine_on_steered_wheels_does_not_stand_on_its_belly(tmp_path: Path)
     np.testing.assert_allclose(np.abs(corners(held)), [[0.6, 0.5]] * 4, atol=1e-6)
 
 
-@pytest.mark.parametrize("kind", ["limited", "cambered", "steered", "tilted", "rocking", "hub"])
+@pytest.mark.parametrize(
+    "kind", ["limited", "cambered", "steered", "tilted", "rocking", "hub", "three"]
+)
 @pytest.mark.filterwarnings("ignore::zmp_sqp.MachineWarning")
 def test_a_machine_on_wheels_that_move_otherwise_does_not_stand_on_its_belly(
     tmp_path: Path, kind: str
@@ -287,6 +289,21 @@ def test_a_machine_on_wheels_that_move_otherwise_does_not_stand_on_its_belly(
         axis = {"tilted": "0.17 0 1", "rocking": "0 1 0"}.get(kind, "0 0 1")
         steering = '<axis xyz="{}"/><limit lower="-0.5"'
         text = text.replace(steering.format("0 0 1"), steering.format(axis))
+    elif kind == "three":  # rocker, suspension, steering
+        text = on_steered_wheels(round_shape)
+        limit = '<limit lower="-0.2" upper="0.2" velocity="1" effort="1"/>'
+        for i in range(4):
+            between = "".join(
+                f'<link name="{name}{i}"/><joint name="j{name}{i}" type="{kind_of}"><parent link='
+                f'"{parent}"/><child link="{name}{i}"/><axis xyz="{axis}"/>{limit}</joint>'
+                for name, parent, kind_of, axis in (
+                    ("rocker", "base", "revolute", "0 1 0"),
+                    ("strut", f"rocker{i}", "prismatic", "0 0 1"),
+                )
+            )
+            steer = f'<joint name="steer{i}" type="revolute"><parent link='
+            text = text.replace(f'{steer}"base"/>', f'{steer}"strut{i}"/>')
+            text = text.replace("</robot>", f"{between}</robot>")
     elif kind == "cambered":
         text = re.sub(r'(<joint name="axle\d.*?<origin) xyz', r'\1 rpy="0.2 0 0" xyz', text)
     else:

@@ -171,7 +171,7 @@ def read_npz_samples(path: Path, joint_names: Sequence[str]) -> Samples:
         AttributeError,
         TypeError,
         KeyError,
-        NotImplementedError,
+        NotImplementedError,  # raised by zipfile for a compression that it does not know
         zlib.error,
         struct.error,
     ) as cause:

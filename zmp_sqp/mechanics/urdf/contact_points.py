@@ -33,7 +33,7 @@ RIM_POINTS = 32
 TURNS = (0.0, 0.4, 1.1, 2.0, 3.0, 4.3, 5.5)  # [rad] at which a link that turns must be as low
 ROUND = 0.05  # share of a wheel's radius by which its lowest point may rise and fall as it turns
 HORIZONTAL = 0.1  # sine of the largest angle between the axle of a wheel and the ground plane
-BETWEEN = 2  # joints between such a wheel and the part that stands still at most; an arm has more
+BETWEEN = 3  # joints between such a wheel and the part that stands still at most; an arm has more
 ROLLING = 0.35  # the same for a wheel that planned joints move, which may be cambered or steered
 
 Axle = tuple[Array, Array]  # a point of a wheel's axle and its direction, root frame, (3,) each
